@@ -1,0 +1,75 @@
+"""Packed rows: the storage every layer uses, and the smallest kernels on it.
+
+The contract, written down once: a layer is ``(height, words)`` uint64, C-ordered. Pixel x of row y is bit
+``x % 64`` of ``rows[y, x // 64]``. Bits at or past the width are 0. Outside the frame is empty.
+Kernels trust this; `layerfix.stack.Layer` checks it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit, types
+
+from layerfix.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Rows = NDArray[np.uint64]
+    Image = NDArray[np.bool_]
+
+# Explicit signatures: one compilation per kernel, cached on disk, whatever array comes (numba would
+# compile a read-only array anew). ROWS is an input, WORK is written to.
+ROWS = types.Array(types.uint64, 2, "C", readonly=True)
+WORK = types.Array(types.uint64, 2, "C")
+ROW_BITS = types.Array(types.uint64, 1, "C")
+U0, U1, U63 = np.uint64(0), np.uint64(1), np.uint64(63)
+ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
+
+
+def words_for(width: int) -> int:
+    """Words in a row of `width` pixels."""
+    return (width + 63) // 64
+
+
+def pack(image: ArrayLike) -> Rows:
+    """(H, W) bool (or anything where non-zero is solid) → (H, words) uint64 packed rows.
+
+    >>> unpack(pack([[0, 1, 1]]), 3).astype(int).tolist()
+    [[0, 1, 1]]
+    """
+    array = np.asarray(image)
+    if array.ndim != 2:
+        raise InputError(f"an image has two dimensions, this array has shape {array.shape}")
+    solid = array if array.dtype == np.bool_ else array != 0
+    height, width = solid.shape
+    packed = np.zeros((height, words_for(width) * 8), np.uint8)
+    packed[:, : (width + 7) // 8] = np.packbits(solid, axis=1, bitorder="little")
+    return packed.view("<u8").astype(np.uint64, copy=False)
+
+
+def unpack(rows: Rows, width: int) -> Image:
+    """(H, words) uint64 packed rows → (H, width) bool."""
+    if rows.ndim != 2 or rows.dtype != np.uint64 or rows.shape[1] != words_for(width):
+        raise InputError(
+            f"packed rows of width {width} are (height, {words_for(width)}) uint64; got {rows.shape} {rows.dtype}"
+        )
+    as_bytes = np.ascontiguousarray(rows).astype("<u8", copy=False).view(np.uint8)
+    return np.unpackbits(as_bytes, axis=1, bitorder="little", count=width).view(np.bool_)
+
+
+@njit(inline="always")
+def popcount(x):  # type: ignore[no-untyped-def]
+    """Set bits of one word (LLVM turns this into one instruction)."""
+    x = x - ((x >> U1) & np.uint64(0x5555555555555555))
+    x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return np.int64((x * np.uint64(0x0101010101010101)) >> np.uint64(56))
+
+
+@njit(inline="always")
+def lowest_bit(x):  # type: ignore[no-untyped-def]
+    """Index of the lowest set bit of a word that is not 0."""
+    return popcount((x & (U0 - x)) - U1)
