@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit, types
 
-from layerfix.bits import ALL, ROWS, U0, U1, U63, WORK
+from layerfix.bits import ROWS, U0, U1, U63, WORK
 from layerfix.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
 
+# Runs of words closer than this are grown as one: a pass over a few empty words costs less than a new run.
+MAX_GAP = 32
 HALF_WIDTHS = types.Array(types.int64, 1, "C", readonly=True)
 
 
@@ -38,6 +40,14 @@ def disc_half_widths(rx_px: float, ry_px: float) -> NDArray[np.int64]:
     guess = np.floor(rx_px * np.sqrt(room)).astype(np.int64) + 1
     inside = (guess / rx_px) ** 2 + (rows / ry_px) ** 2 <= 1 + 1e-9
     return np.where(inside, guess, guess - 1)
+
+
+@njit(inline="always")
+def _or_into(line, words):  # type: ignore[no-untyped-def]
+    """line |= words. (Slices start at 0: with an offset in the index numba's test for negative indices
+    keeps LLVM from vectorising the loop.)"""
+    for i in range(words.shape[0]):
+        line[i] |= words[i]
 
 
 @njit(types.void(WORK, WORK, types.int64, types.int64, HALF_WIDTHS), cache=True, nogil=True)
@@ -60,34 +70,32 @@ def spread(source, target, row_offset, word_offset, half_widths):  # type: ignor
                 start += 1
                 continue
             stop = start + 1
-            while stop < words and source[y, stop] != U0:
-                stop += 1
+            for w in range(start + 1, words):
+                if source[y, w] != U0:
+                    if w - stop > MAX_GAP:
+                        break
+                    stop = w + 1
             length = stop - start + 2 * reach  # words 1 … length of the buffers; 0 and length + 1 stay empty
             grown[: length + 2] = U0
             other[: length + 2] = U0
-            for w in range(stop - start):
-                grown[1 + reach + w] = source[y, start + w]
+            grown[1 + reach : 1 + reach + stop - start] = source[y, start:stop]
             first = start - reach + word_offset  # target word of buffer word 1
             low = max(0, -first)
             high = min(length, target.shape[1] - first)
             width = 0
             for dy in range(top, -1, -1):
                 while width < half_widths[dy]:
-                    for w in range(1, length + 1):
-                        v = grown[w]
-                        other[w] = v | (v << U1) | (grown[w - 1] >> U63) | (v >> U1) | (grown[w + 1] << U63)
+                    for i in range(length):
+                        v = grown[i + 1]
+                        other[i + 1] = v | (v << U1) | (grown[i] >> U63) | (v >> U1) | (grown[i + 2] << U63)
                     grown, other = other, grown
                     width += 1
                 above = y - dy + row_offset
                 if 0 <= above < target.shape[0]:
-                    line = target[above]
-                    for w in range(low, high):
-                        line[first + w] |= grown[1 + w]
+                    _or_into(target[above, first + low : first + high], grown[1 + low : 1 + high])
                 below = y + dy + row_offset
                 if dy > 0 and 0 <= below < target.shape[0]:
-                    line = target[below]
-                    for w in range(low, high):
-                        line[first + w] |= grown[1 + w]
+                    _or_into(target[below, first + low : first + high], grown[1 + low : 1 + high])
             start = stop
 
 
@@ -98,7 +106,6 @@ def boundary(padded, of_void, out):  # type: ignore[no-untyped-def]
     padded, out: (h + 2, words + 2); out is written everywhere.
     """
     height, words = padded.shape
-    flip = ALL if of_void else U0
     out[0] = U0
     out[height - 1] = U0
     for y in range(height):
@@ -106,13 +113,16 @@ def boundary(padded, of_void, out):  # type: ignore[no-untyped-def]
         up = padded[max(y - 1, 0)]
         down = padded[min(y + 1, height - 1)]
         line = out[y]
-        for w in range(1, words - 1):
+        for i in range(words - 2):
+            w = i + 1
             c = here[w]
-            all_in = ((c << U1) | (here[w - 1] >> U63)) & ((c >> U1) | (here[w + 1] << U63)) & up[w] & down[w]
-            any_in = ((c << U1) | (here[w - 1] >> U63)) | ((c >> U1) | (here[w + 1] << U63)) | up[w] | down[w]
-            line[w] = (~c & any_in) if flip else (c & ~all_in)
-        line[0] = (here[1] << U63) if flip else U0
-        line[words - 1] = (here[words - 2] >> U63) if flip else U0
+            west, east = (c << U1) | (here[i] >> U63), (c >> U1) | (here[i + 2] << U63)
+            if of_void:
+                line[w] = ~c & (west | east | up[w] | down[w])
+            else:
+                line[w] = c & ~(west & east & up[w] & down[w])
+        line[0] = (here[1] << U63) if of_void else U0
+        line[words - 1] = (here[words - 2] >> U63) if of_void else U0
 
 
 @njit(types.void(WORK, HALF_WIDTHS, WORK, WORK), cache=True, nogil=True)

@@ -21,15 +21,9 @@ from numba import njit, types
 from layerfix.bits import ALL, ROW_BITS, U0, U1, U63, WORK, lowest_bit
 
 FIRST, SECOND, SPURS = 0, 1, 2
+# Runs of words closer than this are done as one: a vector pass over a few quiet words is cheaper than a new run.
+MAX_GAP = 8
 CHANGES = types.Array(types.uint64, 2, "C")
-
-
-@njit(inline="always")
-def _run(bits):  # type: ignore[no-untyped-def]
-    """(first, past the last) of the lowest run of set bits of a word that is not 0."""
-    first = lowest_bit(bits)
-    rest = ~(bits >> np.uint64(first))
-    return first, 64 if rest == U0 else min(first + lowest_bit(rest), 64)
 
 
 @njit(inline="always")
@@ -58,26 +52,44 @@ def active_groups(changed, active):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _groups_with_bits(line, first, last, size):  # type: ignore[no-untyped-def]
-    """One bit per group of words, set if the group has any bit of `line[first:last]`."""
+def _groups_with_bits(line, group, size):  # type: ignore[no-untyped-def]
+    """One bit per group of words with any bit set, for words that start with those of group `group`."""
     found = U0
     if size == 1:
-        for w in range(first, last):
-            found |= np.uint64(line[w] != U0) << np.uint64(w - 1)
+        for i in range(line.shape[0]):
+            found |= np.uint64(line[i] != U0) << np.uint64(group + i)
     else:
-        for w in range(first, last):
-            found |= np.uint64(line[w] != U0) << np.uint64((w - 1) // size)
+        for i in range(line.shape[0]):
+            found |= np.uint64(line[i] != U0) << np.uint64(group + i // size)
     return found
+
+
+@njit(inline="always")
+def _words(groups, size, words):  # type: ignore[no-untyped-def]
+    """The lowest run of set bits, small gaps bridged: (group, past the last, word, past the last word)."""
+    first = lowest_bit(groups)
+    rest = ~(groups >> np.uint64(first))
+    stop = 64 if rest == U0 else min(first + lowest_bit(rest), 64)
+    groups = _without(groups, stop)
+    while groups != U0:
+        start = lowest_bit(groups)
+        if (start - stop) * size > MAX_GAP:
+            break
+        rest = ~(groups >> np.uint64(start))
+        stop = 64 if rest == U0 else min(start + lowest_bit(rest), 64)
+        groups = _without(groups, stop)
+    return first, stop, 1 + first * size, min(1 + stop * size, 1 + words)
 
 
 @njit(inline="always")
 def _apply(line, deleted, groups, size, words):  # type: ignore[no-untyped-def]
     """line &= ~deleted in the given groups of words."""
     while groups != U0:
-        a, b = _run(groups)
-        groups = _without(groups, b)
-        for w in range(1 + a * size, min(1 + b * size, 1 + words)):
-            line[w] &= ~deleted[w]
+        _, stop, first, last = _words(groups, size, words)
+        groups = _without(groups, stop)
+        here, gone = line[first:last], deleted[first:last]
+        for i in range(here.shape[0]):
+            here[i] &= ~gone[i]
 
 
 @njit(types.void(WORK, CHANGES), cache=True, nogil=True)
@@ -86,33 +98,35 @@ def start_changes(padded, changed):  # type: ignore[no-untyped-def]
     size = _group_size(padded)
     changed[:] = U0
     for y in range(1, padded.shape[0] - 1):
-        changed[:, y] = _groups_with_bits(padded[y], 1, padded.shape[1] - 1, size)
+        changed[:, y] = _groups_with_bits(padded[y, 1 : padded.shape[1] - 1], 0, size)
 
 
 @njit(inline="always")
-def _first_line(north, here, south, anchor, deleted, first, last):  # type: ignore[no-untyped-def]
-    for w in range(first, last):
+def _first_line(north, here, south, anchor, deleted):  # type: ignore[no-untyped-def]
+    for i in range(deleted.shape[0]):
+        w = i + 1
         x3, c, x7 = north[w], here[w], south[w]
-        x4 = (x3 << U1) | (north[w - 1] >> U63)
-        x2 = (x3 >> U1) | (north[w + 1] << U63)
-        x5 = (c << U1) | (here[w - 1] >> U63)
-        x1 = (c >> U1) | (here[w + 1] << U63)
-        x6 = (x7 << U1) | (south[w - 1] >> U63)
-        x8 = (x7 >> U1) | (south[w + 1] << U63)
-        deleted[w] = c & ~anchor[w] & ~((x2 | x3 | ~x8) & x1) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
+        x4 = (x3 << U1) | (north[i] >> U63)
+        x2 = (x3 >> U1) | (north[i + 2] << U63)
+        x5 = (c << U1) | (here[i] >> U63)
+        x1 = (c >> U1) | (here[i + 2] << U63)
+        x6 = (x7 << U1) | (south[i] >> U63)
+        x8 = (x7 >> U1) | (south[i + 2] << U63)
+        deleted[i] = c & ~anchor[i] & ~((x2 | x3 | ~x8) & x1) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
 
 
 @njit(inline="always")
-def _second_line(north, here, south, anchor, deleted, first, last):  # type: ignore[no-untyped-def]
-    for w in range(first, last):
+def _second_line(north, here, south, anchor, deleted):  # type: ignore[no-untyped-def]
+    for i in range(deleted.shape[0]):
+        w = i + 1
         x3, c, x7 = north[w], here[w], south[w]
-        x4 = (x3 << U1) | (north[w - 1] >> U63)
-        x2 = (x3 >> U1) | (north[w + 1] << U63)
-        x5 = (c << U1) | (here[w - 1] >> U63)
-        x1 = (c >> U1) | (here[w + 1] << U63)
-        x6 = (x7 << U1) | (south[w - 1] >> U63)
-        x8 = (x7 >> U1) | (south[w + 1] << U63)
-        deleted[w] = c & ~anchor[w] & ~((x6 | x7 | ~x4) & x5) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
+        x4 = (x3 << U1) | (north[i] >> U63)
+        x2 = (x3 >> U1) | (north[i + 2] << U63)
+        x5 = (c << U1) | (here[i] >> U63)
+        x1 = (c >> U1) | (here[i + 2] << U63)
+        x6 = (x7 << U1) | (south[i] >> U63)
+        x8 = (x7 >> U1) | (south[i + 2] << U63)
+        deleted[i] = c & ~anchor[i] & ~((x6 | x7 | ~x4) & x5) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
 
 
 @njit(inline="always")
@@ -140,17 +154,19 @@ def sub_iteration(padded, anchor, phase, changed, active, deleted):  # type: ign
     active_groups(changed, active)
     before, any_deleted = U0, U0
     for y in range(1, height + 1):
-        line = deleted[y & 1]
         groups, found = active[y], U0
         while groups != U0:
-            a, b = _run(groups)
-            groups = _without(groups, b)
-            first, last = 1 + a * size, min(1 + b * size, 1 + words)
+            group, stop, first, last = _words(groups, size, words)
+            groups = _without(groups, stop)
+            north = padded[y - 1, first - 1 : last + 1]
+            here = padded[y, first - 1 : last + 1]
+            south = padded[y + 1, first - 1 : last + 1]
+            gone = deleted[y & 1, first:last]
             if phase == FIRST:
-                _first_line(padded[y - 1], padded[y], padded[y + 1], anchor[y], line, first, last)
+                _first_line(north, here, south, anchor[y, first:last], gone)
             else:
-                _second_line(padded[y - 1], padded[y], padded[y + 1], anchor[y], line, first, last)
-            found |= _groups_with_bits(line, first, last, size)
+                _second_line(north, here, south, anchor[y, first:last], gone)
+            found |= _groups_with_bits(gone, group, size)
         _apply(padded[y - 1], deleted[1 - (y & 1)], before, size, words)
         changed[phase, y] = found
         before = found
@@ -160,16 +176,17 @@ def sub_iteration(padded, anchor, phase, changed, active, deleted):  # type: ign
 
 
 @njit(inline="always")
-def _end_line(north, here, south, anchor, ends, deleted, first, last):  # type: ignore[no-untyped-def]
+def _end_line(north, here, south, anchor, ends, deleted):  # type: ignore[no-untyped-def]
     """End points (exactly one 8-neighbour): `deleted` if it lies E, NE, N or NW, `ends` otherwise."""
-    for w in range(first, last):
+    for i in range(deleted.shape[0]):
+        w = i + 1
         x3, c, x7 = north[w], here[w], south[w]
-        x4 = (x3 << U1) | (north[w - 1] >> U63)
-        x2 = (x3 >> U1) | (north[w + 1] << U63)
-        x5 = (c << U1) | (here[w - 1] >> U63)
-        x1 = (c >> U1) | (here[w + 1] << U63)
-        x6 = (x7 << U1) | (south[w - 1] >> U63)
-        x8 = (x7 >> U1) | (south[w + 1] << U63)
+        x4 = (x3 << U1) | (north[i] >> U63)
+        x2 = (x3 >> U1) | (north[i + 2] << U63)
+        x5 = (c << U1) | (here[i] >> U63)
+        x1 = (c >> U1) | (here[i + 2] << U63)
+        x6 = (x7 << U1) | (south[i] >> U63)
+        x8 = (x7 >> U1) | (south[i + 2] << U63)
         upper = x1 | x2 | x3 | x4
         one, two = x1, U0
         two |= one & x2
@@ -186,20 +203,21 @@ def _end_line(north, here, south, anchor, ends, deleted, first, last):  # type: 
         one |= x7
         two |= one & x8
         one |= x8
-        end = c & ~anchor[w] & one & ~two
-        ends[w] = end & ~upper
-        deleted[w] = end & upper
+        end = c & ~anchor[i] & one & ~two
+        ends[i] = end & ~upper
+        deleted[i] = end & upper
 
 
 @njit(inline="always")
-def _still_ends(north, here, south, ends, deleted, first, last):  # type: ignore[no-untyped-def]
+def _still_ends(north, here, south, ends, deleted):  # type: ignore[no-untyped-def]
     """The end points left over that still have their one neighbour."""
-    for w in range(first, last):
+    for i in range(deleted.shape[0]):
+        w = i + 1
         x3, c, x7 = north[w], here[w], south[w]
-        upper = x3 | (x3 << U1) | (north[w - 1] >> U63) | (x3 >> U1) | (north[w + 1] << U63)
-        lower = x7 | (x7 << U1) | (south[w - 1] >> U63) | (x7 >> U1) | (south[w + 1] << U63)
-        sides = (c << U1) | (here[w - 1] >> U63) | (c >> U1) | (here[w + 1] << U63)
-        deleted[w] = ends[w] & c & (upper | lower | sides)
+        upper = x3 | (x3 << U1) | (north[i] >> U63) | (x3 >> U1) | (north[i + 2] << U63)
+        lower = x7 | (x7 << U1) | (south[i] >> U63) | (x7 >> U1) | (south[i + 2] << U63)
+        sides = (c << U1) | (here[i] >> U63) | (c >> U1) | (here[i + 2] << U63)
+        deleted[i] = ends[i] & c & (upper | lower | sides)
 
 
 @njit(types.boolean(WORK, WORK, CHANGES, ROW_BITS, WORK, WORK), cache=True, nogil=True)
@@ -215,15 +233,17 @@ def remove_spurs(padded, anchor, changed, active, deleted, ends):  # type: ignor
     active_groups(changed, active)
     before, any_deleted, any_left = U0, U0, U0
     for y in range(1, height + 1):
-        line = deleted[y & 1]
         groups, found, left = active[y], U0, U0
         while groups != U0:
-            a, b = _run(groups)
-            groups = _without(groups, b)
-            first, last = 1 + a * size, min(1 + b * size, 1 + words)
-            _end_line(padded[y - 1], padded[y], padded[y + 1], anchor[y], ends[y], line, first, last)
-            found |= _groups_with_bits(line, first, last, size)
-            left |= _groups_with_bits(ends[y], first, last, size)
+            group, stop, first, last = _words(groups, size, words)
+            groups = _without(groups, stop)
+            north = padded[y - 1, first - 1 : last + 1]
+            here = padded[y, first - 1 : last + 1]
+            south = padded[y + 1, first - 1 : last + 1]
+            gone = deleted[y & 1, first:last]
+            _end_line(north, here, south, anchor[y, first:last], ends[y, first:last], gone)
+            found |= _groups_with_bits(gone, group, size)
+            left |= _groups_with_bits(ends[y, first:last], group, size)
         _apply(padded[y - 1], deleted[1 - (y & 1)], before, size, words)
         changed[SPURS, y] = before = found
         active[y] = left  # done with as input; from here on the groups the second half looks at
@@ -235,14 +255,16 @@ def remove_spurs(padded, anchor, changed, active, deleted, ends):  # type: ignor
 
     before = U0
     for y in range(1, height + 1):
-        line = deleted[y & 1]
         groups, found = active[y], U0
         while groups != U0:
-            a, b = _run(groups)
-            groups = _without(groups, b)
-            first, last = 1 + a * size, min(1 + b * size, 1 + words)
-            _still_ends(padded[y - 1], padded[y], padded[y + 1], ends[y], line, first, last)
-            found |= _groups_with_bits(line, first, last, size)
+            group, stop, first, last = _words(groups, size, words)
+            groups = _without(groups, stop)
+            north = padded[y - 1, first - 1 : last + 1]
+            here = padded[y, first - 1 : last + 1]
+            south = padded[y + 1, first - 1 : last + 1]
+            gone = deleted[y & 1, first:last]
+            _still_ends(north, here, south, ends[y, first:last], gone)
+            found |= _groups_with_bits(gone, group, size)
         _apply(padded[y - 1], deleted[1 - (y & 1)], before, size, words)
         changed[SPURS, y] |= found
         before = found

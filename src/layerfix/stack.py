@@ -1,0 +1,238 @@
+"""LayerStack: the one value that flows through layerfix, and the only place that knows of workers."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar, overload
+
+import numpy as np
+
+from layerfix.bits import pack, unpack, words_for
+from layerfix.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from layerfix.bits import Image, Rows
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Change:
+    """What correction did to one layer. thinnest_mm is the narrowest feature that needed help, if any."""
+
+    added_px: int
+    removed_px: int
+    thinnest_mm: float | None
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """What slicing had to close in one layer because the mesh is open: how many gaps, the longest in mm."""
+
+    count: int
+    longest_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One printed layer.
+
+    rows    (height, words) uint64, packed as `layerfix.bits` says; read-only
+    width   pixels in a row
+    z_mm    (bottom, top)
+    change  what `correct` did, if it was this layer's last step
+    gaps    what `slice_mesh` closed, if anything
+    """
+
+    rows: Rows
+    width: int
+    z_mm: tuple[float, float]
+    change: Change | None = None
+    gaps: Gaps | None = None
+
+    def __post_init__(self) -> None:
+        """Raises InputError unless `rows` keeps the contract; marks it read-only."""
+        rows = self.rows
+        if rows.ndim != 2 or rows.dtype != np.uint64 or rows.shape[1] != words_for(self.width):
+            raise InputError(
+                f"a layer {self.width} px wide has (height, {words_for(self.width)}) uint64 rows,"
+                f" not {rows.shape} {rows.dtype}"
+            )
+        if self.width % 64 and len(rows) and (rows[:, -1] >> np.uint64(self.width % 64)).any():
+            raise InputError(f"a layer {self.width} px wide has bits set past its width")
+        rows.flags.writeable = False
+
+    @property
+    def height(self) -> int:
+        return len(self.rows)
+
+    def image(self) -> Image:
+        """(H, W) bool, row 0 at the back of the build plate (largest y)."""
+        return unpack(self.rows, self.width)
+
+    def count_px(self) -> int:
+        """Solid pixels."""
+        return int(np.bitwise_count(self.rows).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class LayerStack(Sequence[Layer]):
+    """An immutable, ordered sequence of layers on one pixel frame, bottom first, made when asked for.
+
+    width, height  of every layer in px
+    pixel_mm       (x, y) pixel pitch
+    origin_mm      (x, y) of the outer corner of pixel (row 0, column 0); x grows with the column, y falls
+                   with the row, so that a layer seen as an image is the part seen from above
+    z_mm           (layers, 2) float64: bottom and top of each layer, rising
+    make           layer index → Layer; pure, called from several threads at once
+    workers        threads that make layers; the bits do not depend on it
+    """
+
+    width: int
+    height: int
+    pixel_mm: tuple[float, float]
+    z_mm: NDArray[np.float64]
+    make: Callable[[int], Layer]
+    origin_mm: tuple[float, float] = (0.0, 0.0)
+    workers: int = 0
+
+    def __post_init__(self) -> None:
+        """Raises InputError for an empty frame, a pitch that is not above 0, z's that do not rise."""
+        z = np.array(self.z_mm, np.float64).reshape(-1, 2) if np.size(self.z_mm) == 0 else np.array(self.z_mm, float)
+        if self.width < 1 or self.height < 1:
+            raise InputError(f"a frame of {self.width} × {self.height} px holds nothing")
+        if not all(0 < p < np.inf for p in self.pixel_mm):
+            raise InputError(f"pixel pitch {self.pixel_mm} mm: both must be above 0")
+        if z.ndim != 2 or z.shape[1] != 2 or not np.isfinite(z).all():
+            raise InputError(f"z_mm has shape {z.shape}; it is (layers, 2): bottom and top")
+        if not (np.all(z[:, 1] > z[:, 0]) and np.all(z[1:, 0] >= z[:-1, 1] - 1e-6)):
+            raise InputError("z_mm does not rise: each layer's top is above its bottom, and no layer overlaps the next")
+        if self.workers < 0:
+            raise InputError(f"workers={self.workers}: at least 1, or 0 for one per core")
+        z.flags.writeable = False
+        object.__setattr__(self, "z_mm", z)
+        object.__setattr__(self, "pixel_mm", (float(self.pixel_mm[0]), float(self.pixel_mm[1])))
+
+    @classmethod
+    def from_images(
+        cls,
+        images: ArrayLike | Iterable[ArrayLike],
+        *,
+        pixel_mm: float | tuple[float, float],
+        layer_mm: float,
+        first_layer_mm: float | None = None,
+    ) -> LayerStack:
+        """(layers, H, W) bool, or any iterable of (H, W) images, non-zero = solid, as a stack held packed.
+
+        pixel_mm is one pitch or (x, y). Raises InputError for no images and for images of several sizes.
+        """
+        packed: list[Rows] = []
+        shape: tuple[int, ...] = ()
+        for index, image in enumerate(images):  # type: ignore[arg-type]  # an array iterates over its layers
+            array = np.asarray(image)
+            if packed and array.shape != shape:
+                raise InputError(f"image {index} is {_size(array.shape)} px, the first is {_size(shape)} px")
+            shape = array.shape
+            packed.append(pack(array))
+        if not packed:
+            raise InputError("no images: a stack has at least one layer")
+        height, width = shape
+        z_mm = layer_bounds_mm(len(packed), layer_mm, first_layer_mm)
+        return cls(width, height, pitch_mm(pixel_mm), z_mm,
+                   lambda i: Layer(packed[i], width, _bounds(z_mm, i)))
+
+    def __len__(self) -> int:
+        return len(self.z_mm)
+
+    @overload
+    def __getitem__(self, index: int) -> Layer: ...
+    @overload
+    def __getitem__(self, index: slice) -> LayerStack: ...
+    def __getitem__(self, index: int | slice) -> Layer | LayerStack:
+        if isinstance(index, slice):
+            chosen = range(len(self))[index]
+            if chosen.step < 0:
+                raise InputError("a stack is ordered from the bottom: slice it with a positive step")
+            make = self.make
+            return replace(self, z_mm=self.z_mm[index], make=lambda i: make(chosen[i]))
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"layer {index} of {len(self)}")
+        return self.make(index % len(self))
+
+    def __iter__(self) -> Iterator[Layer]:
+        return self.each(lambda layer: layer)
+
+    def map(self, change: Callable[[Layer], Layer]) -> LayerStack:
+        """The stack whose layers are `change` of these, computed when asked for. The frame and z's stay."""
+        make = self.make
+        return replace(self, make=lambda i: change(make(i)))
+
+    def with_workers(self, workers: int) -> LayerStack:
+        """The same layers, made by so many threads (0: one per core)."""
+        return replace(self, workers=workers)
+
+    def each(self, use: Callable[[Layer], Result]) -> Generator[Result]:
+        """Yield `use` of every layer in order. Layers are made and used in threads, and at most two per
+        worker are ahead of the reader, so memory depends on the layer's size, not on their number."""
+        workers = self.workers or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        make = self.make
+        if workers == 1 or len(self) < 2:
+            for i in range(len(self)):
+                yield use(make(i))
+            return
+        ahead: deque[Future[Result]] = deque()
+        with ThreadPoolExecutor(workers, thread_name_prefix="layers") as pool:
+            try:
+                for i in range(len(self)):
+                    ahead.append(pool.submit(lambda i: use(make(i)), i))
+                    if len(ahead) > 2 * (workers or 1):
+                        yield ahead.popleft().result()
+                while ahead:
+                    yield ahead.popleft().result()
+            finally:
+                for future in ahead:
+                    future.cancel()
+
+    def volume_mm3(self) -> float:
+        """Volume of all layers, each as high as it is."""
+        heights = self.z_mm[:, 1] - self.z_mm[:, 0]
+        counts = np.fromiter(self.each(Layer.count_px), np.float64, len(self))
+        return float(counts @ heights) * self.pixel_mm[0] * self.pixel_mm[1]
+
+
+def pitch_mm(pixel_mm: float | tuple[float, float]) -> tuple[float, float]:
+    """(x, y) pitch of a pitch given as one number or two."""
+    x, y = (pixel_mm, pixel_mm) if isinstance(pixel_mm, (int, float)) else pixel_mm
+    if not (0 < x < np.inf and 0 < y < np.inf):
+        raise InputError(f"pixel pitch {pixel_mm} mm: it must be above 0")
+    return float(x), float(y)
+
+
+def layer_bounds_mm(count: int, layer_mm: float, first_layer_mm: float | None = None) -> NDArray[np.float64]:
+    """(count, 2): bottom and top of `count` layers from z = 0, the first of its own height if given."""
+    first = layer_mm if first_layer_mm is None else first_layer_mm
+    for value in (layer_mm, first):
+        if not 0 < value < np.inf:
+            raise InputError(f"layer height {value} mm: it must be above 0")
+    tops = np.round(first + layer_mm * np.arange(count), 9)
+    return np.stack([np.concatenate([[0.0], tops[:-1]]), tops], axis=1)
+
+
+def _bounds(z_mm: NDArray[np.float64], index: int) -> tuple[float, float]:
+    bottom, top = z_mm[index].tolist()
+    return bottom, top
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return " × ".join(str(n) for n in reversed(shape)) or "a single value"
+
+
+def layer_maker(rows_of: Callable[[int], Any], width: int, z_mm: NDArray[np.float64]) -> Callable[[int], Layer]:
+    """`make` for a source that gives packed rows by index."""
+    return lambda i: Layer(rows_of(i), width, _bounds(z_mm, i))

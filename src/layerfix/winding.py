@@ -1,0 +1,165 @@
+"""Meshes that do not close or do not agree which side is out: find out, orient, close what is left."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit, types
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+POINTS = types.Array(types.float64, 2, "C", readonly=True)
+TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
+IDS = types.Array(types.int64, 1, "C", readonly=True)
+EDGES = types.Array(types.int64, 2, "C", readonly=True)
+
+KEYS_PER_PX = 1024  # ends of segments closer than this are one point
+
+
+@njit(inline="always")
+def _mix(x):  # type: ignore[no-untyped-def]
+    """A 64-bit finaliser (splitmix64): every input bit changes about half of the output."""
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
+
+
+@njit(types.boolean(POINTS, TRIANGLES), cache=True, nogil=True)
+def edges_balance(points, faces):  # type: ignore[no-untyped-def]
+    """True if every directed edge is matched by its reverse, that is, if the mesh is closed and oriented.
+
+    Sums a hash of each directed edge minus the hash of its reverse, so that only unmatched edges remain;
+    an open mesh passes with probability 2⁻⁶⁴. One pass, no sorting, no merging of vertices.
+    """
+    total = np.uint64(0)
+    ids = np.empty(points.shape[0], np.uint64)
+    scale = 1024.0
+    for v in range(points.shape[0]):
+        h = np.uint64(0x9E3779B97F4A7C15)
+        for k in range(3):
+            h = _mix(h ^ np.uint64(np.int64(np.round(points[v, k] * scale)))) + np.uint64(k)
+        ids[v] = h
+    for t in range(faces.shape[0]):
+        for e in range(3):
+            a, b = ids[faces[t, e]], ids[faces[t, 0 if e == 2 else e + 1]]
+            total += _mix(a + (b << np.uint64(1))) - _mix(b + (a << np.uint64(1)))
+    return total == np.uint64(0)
+
+
+@njit(types.Array(types.boolean, 1, "C")(EDGES, types.int64), cache=True, nogil=True)
+def _faces_to_flip(pairs, faces):  # type: ignore[no-untyped-def]
+    """Union–find with parity over (face, face, same direction) rows; True for each patch's minority."""
+    parent = np.arange(faces)
+    parity = np.zeros(faces, np.bool_)
+    for p in range(pairs.shape[0]):
+        roots = np.empty(2, np.int64)
+        odd = pairs[p, 2] == 1
+        for side in range(2):
+            f = pairs[p, side]
+            root, flips = f, False
+            while parent[root] != root:
+                flips ^= parity[root]
+                root = parent[root]
+            while parent[f] != root and f != root:  # compress the path
+                f_parent, f_parity = parent[f], parity[f]
+                parent[f], parity[f] = root, flips
+                flips ^= f_parity
+                f = f_parent
+            roots[side] = root
+            f = pairs[p, side]
+            odd ^= parity[f] if f != root else False
+        if roots[0] != roots[1]:
+            parent[roots[0]], parity[roots[0]] = roots[1], odd
+    flip = np.zeros(faces, np.bool_)
+    count = np.zeros(faces, np.int64)
+    for f in range(faces):
+        root, flips = f, False
+        while parent[root] != root:
+            flips ^= parity[root]
+            root = parent[root]
+        flip[f] = flips
+        count[root] += -1 if flips else 1
+    for f in range(faces):
+        root = f
+        while parent[root] != root:
+            root = parent[root]
+        if count[root] < 0:
+            flip[f] = not flip[f]
+    return flip
+
+
+def orient(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Make neighbouring triangles agree which side is out, flipping the fewer of each connected patch.
+
+    Neighbours share an edge that exactly two triangles use. A patch that is inside out as a whole stays so:
+    it may be a cavity.
+    """
+    _, ids = np.unique(np.round(points * KEYS_PER_PX).astype(np.int64), axis=0, return_inverse=True)
+    corners = ids.reshape(-1)[faces].astype(np.int64)
+    a = corners.reshape(-1)
+    b = np.roll(corners, -1, axis=1).reshape(-1)
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    order = np.lexsort((high, low))
+    low, high, forward = low[order], high[order], (a < b)[order]
+    face = order // 3
+    first = np.flatnonzero(np.concatenate([[True], (low[1:] != low[:-1]) | (high[1:] != high[:-1])]))
+    uses = np.diff(np.append(first, len(low)))
+    twice = first[(uses == 2) & (low[first] != high[first])]
+    pairs = np.stack([face[twice], face[twice + 1], forward[twice] == forward[twice + 1]], axis=1)
+    flip = _faces_to_flip(np.ascontiguousarray(pairs, np.int64), len(faces))
+    return np.where(flip[:, None], faces[:, ::-1], faces)
+
+
+@njit(types.Array(types.int64, 1, "C")(POINTS, POINTS), cache=True, nogil=True)
+def match_nearest(ends, starts):  # type: ignore[no-untyped-def]
+    """Greedy matching, nearest pair first: entry e is the start joined to end e. Same number of both."""
+    n = ends.shape[0]
+    partner = np.full(n, -1, np.int64)
+    taken = np.zeros(n, np.bool_)
+    nearest = np.zeros(n, np.int64)
+    distance = np.full(n, -1.0)
+    for _ in range(n):
+        best = -1
+        for e in range(n):
+            if partner[e] >= 0:
+                continue
+            if distance[e] < 0 or taken[nearest[e]]:
+                distance[e] = np.inf
+                for s in range(n):
+                    if not taken[s]:
+                        d = (ends[e, 0] - starts[s, 0]) ** 2 + (ends[e, 1] - starts[s, 1]) ** 2
+                        if d < distance[e]:
+                            distance[e], nearest[e] = d, s
+            if best < 0 or distance[e] < distance[best]:
+                best = e
+        partner[best] = nearest[best]
+        taken[nearest[best]] = True
+    return partner
+
+
+def close_gaps(
+    segments: NDArray[np.float64], pitch: tuple[float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Join the loose ends of one layer's directed segments, nearest first: (segments, gap lengths in mm).
+
+    In closed, oriented contours as many segments arrive at each point as leave it. Missing, flipped or
+    cracked triangles show up as surplus ends and surplus starts, always as many of both.
+    """
+    snapped = np.round(segments * KEYS_PER_PX) / KEYS_PER_PX
+    points = np.concatenate([snapped[:, :2], snapped[:, 2:]])
+    keys = np.round(points * KEYS_PER_PX).astype(np.int64)
+    _, first, ids = np.unique((keys[:, 0] << 32) + keys[:, 1], return_index=True, return_inverse=True)
+    balance = np.bincount(ids[len(segments) :], minlength=len(first)) - np.bincount(
+        ids[: len(segments)], minlength=len(first)
+    )
+    if not balance.any():
+        return snapped, np.empty(0)
+    at = points[first]
+    ends = np.repeat(at, np.maximum(balance, 0), axis=0)
+    starts = np.repeat(at, np.maximum(-balance, 0), axis=0)
+    scale = np.array(pitch)
+    joined = starts[match_nearest(ends * scale, starts * scale)]
+    lengths = np.hypot(*((joined - ends) * scale).T)
+    return np.concatenate([snapped, np.concatenate([ends, joined], axis=1)]), lengths
