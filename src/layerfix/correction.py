@@ -37,31 +37,34 @@ if TYPE_CHECKING:
 MODES = ("as_printed", "add_only")
 
 
-@njit(types.UniTuple(types.int64, 2)(ROWS, WORK), cache=True, nogil=True)
+@njit(types.UniTuple(types.int64, 3)(ROWS, WORK), cache=True, nogil=True)
 def _count_changes(before, after):  # type: ignore[no-untyped-def]
-    added, removed = 0, 0
+    """(solid before, added, removed) in pixels."""
+    solid, added, removed = 0, 0, 0
     for y in range(before.shape[0]):
         for w in range(before.shape[1]):
             a, b = before[y, w], after[y, w]
+            if a:
+                solid += popcount(a)
             if a != b:
                 added += popcount(b & ~a)
                 removed += popcount(a & ~b)
-    return added, removed
+    return solid, added, removed
 
 
 @njit(
-    types.Tuple((WORK, types.int64, types.int64, types.float64))(
+    types.Tuple((WORK, types.UniTuple(types.int64, 3), types.float64))(
         ROWS, types.int64, HALF_WIDTHS, types.float64, types.boolean, types.float64, types.float64
     ),
     cache=True,
     nogil=True,
 )
 def _correct(rows, width, half_widths, spur_rounds, add_only, px_mm, py_mm):  # type: ignore[no-untyped-def]
-    """(corrected rows, pixels added, pixels removed, narrowest width in mm or inf)."""
+    """(corrected rows, pixels before, added and removed, narrowest width in mm or inf)."""
     out = np.zeros(rows.shape, np.uint64)
     box = bounding_box(rows)
     if box[1] == 0:
-        return out, 0, 0, np.inf
+        return out, (0, 0, 0), np.inf
     padded = padded_crop(rows, box)
     anchor, skeleton, scratch = np.empty_like(padded), padded.copy(), np.empty_like(padded)
     erode_padded(padded, half_widths, anchor, scratch)
@@ -69,10 +72,10 @@ def _correct(rows, width, half_widths, spur_rounds, add_only, px_mm, py_mm):  # 
     dilate_into(skeleton, box, half_widths, width, out, scratch)
     if add_only:
         paste(padded, box, out)
-    added, removed = _count_changes(rows, out)
+    counts = _count_changes(rows, out)
     limit_mm = 2 * max(half_widths[0] + 1, half_widths.shape[0]) * max(px_mm, py_mm)
     thinnest = narrowest(padded, skeleton, anchor, limit_mm, px_mm, py_mm)
-    return out, added, removed, thinnest if thinnest < limit_mm else np.inf
+    return out, counts, thinnest if thinnest < limit_mm else np.inf
 
 
 def feature_radius_px(min_feature_mm: float, pixel_mm: tuple[float, float]) -> tuple[float, float]:
@@ -120,10 +123,10 @@ def correct(stack: LayerStack, *, min_feature_mm: float, mode: str = "as_printed
     add_only = mode == "add_only"
 
     def corrected(layer: Layer) -> Layer:
-        rows, added, removed, thinnest = _correct(
+        rows, counts, thinnest = _correct(
             layer.rows, layer.width, half_widths, max(rx, ry), add_only, px_mm, py_mm
         )
-        change = Change(added, removed, thinnest if np.isfinite(thinnest) else None)
+        change = Change(*counts, thinnest if np.isfinite(thinnest) else None)
         return replace(layer, rows=rows, change=change)
 
     return stack.map(corrected)

@@ -26,6 +26,7 @@ Result = TypeVar("Result")
 class Change:
     """What correction did to one layer. thinnest_mm is the narrowest feature that needed help, if any."""
 
+    solid_px: int  # before
     added_px: int
     removed_px: int
     thinnest_mm: float | None

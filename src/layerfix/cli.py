@@ -1,0 +1,205 @@
+"""The commands. Each parses, makes one call and prints; heavy imports wait until a command needs them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from layerfix import __version__
+from layerfix.errors import InputError
+from layerfix.units import format_mm, parse_length_mm
+
+if TYPE_CHECKING:
+    from layerfix.job import Options, Summary
+
+
+class Length(click.ParamType[float]):
+    """A length with a unit, in mm."""
+
+    name = "length"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            return parse_length_mm(value)
+        except InputError as problem:
+            self.fail(str(problem), param, ctx)
+
+
+class Pitch(click.ParamType[tuple[float, float]]):
+    """One length, or two with an x between them: ``19umx24um``."""
+
+    name = "pitch"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        parts = str(value).lower().replace("×", "x").split("x")
+        if len(parts) > 2:
+            self.fail(f"'{value}' is not a pitch: write 50um, or 19umx24um", param, ctx)
+        sizes = [Length().convert(part, param, ctx) for part in parts]
+        return sizes[0], sizes[-1]
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="layerfix")
+def layerfix() -> None:
+    """Correct the layers of a 3D print so that thin walls and pins survive printing.
+
+    \b
+    Start here:
+      layerfix demo                                      a built-in part, before and after
+      layerfix fix part.stl layers.zip -p prusa-sl1s     a mesh into corrected layer images
+      layerfix printers                                  the printers it knows
+    """
+
+
+@layerfix.command()
+@click.argument("source", metavar="IN", type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
+@click.option("-p", "--printer", metavar="NAME", help="A printer of `layerfix printers`, or your own .toml file.")
+@click.option("--pixel", "pixel_mm", type=Pitch(), help="Pixel pitch: 50um, or 19umx24um.")
+@click.option("--layer", "layer_mm", type=Length(), help="Layer height: 0.05mm.")
+@click.option("--first-layer", "first_layer_mm", type=Length(), help="Height of the first layer, if it differs.")
+@click.option("--min-feature", "min_feature_mm", type=Length(), help="Smallest dot or bead the printer makes: 0.4mm.")
+@click.option("--mode", type=click.Choice(["as_printed", "add_only"]),
+              help="as_printed rounds corners as the tool does; add_only never removes. [default: the printer's]")
+@click.option("--fill", type=click.Choice(["nonzero", "even_odd", "positive"]), default="nonzero", show_default=True,
+              help="Which parts of overlapping shells are solid.")
+@click.option("--unit", help="What one unit of the mesh is: mm, in, m … [default: as the file says, else mm]")
+@click.option("--bits", type=click.Choice(["1", "8"]), default="8", show_default=True, help="Bits a pixel of PNG images.")
+@click.option("--picture", type=click.Path(path_type=Path), help="Also draw the most changed layer, before and after.")
+@click.option("--workers", type=click.IntRange(1), help="Threads. [default: one per core]")
+@click.option("--force", is_flag=True, help="Replace OUT if it exists.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def fix(source: Path, target: Path, as_json: bool, **given: Any) -> None:
+    """Correct IN and write the layers to OUT.
+
+    IN is a mesh (.stl .obj .ply .off .3mf .glb), a folder of PNG images, or a zip of them.
+    OUT is a folder (no suffix) or a .zip of PNG images.
+
+    \b
+    Examples:
+      layerfix fix part.stl layers -p prusa-sl1s
+      layerfix fix part.3mf layers.zip --pixel 50um --layer 0.05mm --min-feature 0.4mm
+      layerfix fix layers.zip fixed.zip --min-feature 0.15mm --mode add_only
+    """
+    with _kernels_ready():
+        from layerfix import job
+    options = _options(given)
+    with _progress(f"correcting {source.name}") as progress:
+        summary = job.fix(source, target, options, progress)
+    click.echo(json.dumps(asdict(summary)) if as_json else _table(summary))
+
+
+@layerfix.command()
+@click.argument("folder", metavar="[DIR]", type=click.Path(path_type=Path), default=Path("layerfix-demo"))
+@click.option("--force", is_flag=True, help="Replace DIR if it exists.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def demo(folder: Path, force: bool, as_json: bool) -> None:
+    """Correct a built-in test part and draw it before and after.
+
+    Writes the part, its layers before and after, and a picture to DIR (layerfix-demo).
+    """
+    with _kernels_ready():
+        from layerfix.demo import run_demo, what_to_look_at
+    with _progress("correcting the test part") as progress:
+        summary = run_demo(folder, force=force, progress=progress)
+    click.echo(json.dumps(asdict(summary)) if as_json else f"{_table(summary)}\n\n{what_to_look_at(folder)}")
+
+
+@layerfix.command()
+@click.option("--process", type=click.Choice(["resin", "fdm", "powder"]), help="Only these.")
+@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
+def printers(process: str | None, as_json: bool) -> None:
+    """List the printers that --printer takes."""
+    from layerfix.printers import load_printer, printer_names
+
+    known = [p for p in map(load_printer, printer_names()) if process in (None, p.process)]
+    if as_json:
+        click.echo(json.dumps([asdict(p) for p in known]))
+        return
+    for p in known:
+        raster = f"{p.pixels[0]} × {p.pixels[1]} px" if p.pixels else f"{format_mm(p.nozzle_mm or 0)} nozzle"
+        click.echo(f"{p.name:26}{p.maker} {p.model:28}{p.process:8}{raster:18}min feature {format_mm(p.min_feature_mm)}")
+
+
+@layerfix.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell.
+
+    \b
+    bash:  eval "$(layerfix completion bash)"       in ~/.bashrc
+    zsh:   eval "$(layerfix completion zsh)"        in ~/.zshrc
+    fish:  layerfix completion fish | source        in ~/.config/fish/config.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    found = get_completion_class(shell)
+    if found is None:
+        raise InputError(f"no completion for {shell}")
+    click.echo(found(layerfix, {}, "layerfix", "_LAYERFIX_COMPLETE").source())
+
+
+def _options(given: dict[str, Any]) -> Options:
+    from layerfix.job import Options
+    from layerfix.printers import load_printer
+
+    printer = load_printer(given.pop("printer")) if given.get("printer") else given.pop("printer", None)
+    return Options(printer=printer, bits=int(given.pop("bits")), workers=given.pop("workers") or 0, **given)
+
+
+@contextmanager
+def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar with the time left on a terminal; nothing in a pipe."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _kernels_ready() -> Iterator[None]:
+    """Say so if the block takes long: the first run on a machine compiles the kernels and keeps them."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    import threading
+
+    status = console.status("compiling the kernels for this machine (once, about 20 s) …")
+    timer = threading.Timer(1.5, status.start)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        status.stop()
+
+
+def _table(s: Summary) -> str:
+    """The few lines a user wants to see."""
+    rows = [
+        ("layers", f"{s.layers} of {s.size_px[0]} × {s.size_px[1]} px"),
+        ("changed", f"{s.layers_changed} ({s.mode}, minimum feature {format_mm(s.min_feature_mm)})"),
+        ("thinnest", "nothing was too thin" if s.thinnest_mm is None
+         else f"{format_mm(s.thinnest_mm)} at z = {s.thinnest_z_mm:.3f} mm"),
+        ("added", f"{s.added_mm3:.4g} mm³ ({s.added_percent:.3g} %)"),
+        ("removed", f"{s.removed_mm3:.4g} mm³ ({s.removed_percent:.3g} %)"),
+        ("time", f"{s.seconds:.2f} s"),
+    ]  # fmt: skip
+    if s.layers_with_gaps:
+        rows.insert(1, ("open mesh", f"gaps closed in {s.layers_with_gaps} layers, the longest {format_mm(s.longest_gap_mm)}"))
+    rows.append(("written", s.target))
+    return "\n".join(f"{name:10}{value}" for name, value in rows)

@@ -1,0 +1,116 @@
+"""Outputs that appear whole or not at all: a temporary beside the target, then one rename."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from layerfix.errors import OutputError
+
+
+def check_target(path: Path, *, force: bool) -> None:
+    """Raises OutputError if `path` exists and may not be replaced, or its folder cannot be written to."""
+    if path.is_dir() and not path.is_symlink():
+        if any(path.iterdir()):
+            _check_replaceable(path, force)
+    elif os.path.lexists(path) and not force:
+        raise OutputError(f"{path}: exists already; use --force to replace it")
+    parent = path.absolute().parent
+    if not parent.is_dir():
+        raise OutputError(f"{path}: there is no folder {parent}")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise OutputError(f"{path}: the folder {parent} cannot be written to")
+
+
+def _check_replaceable(folder: Path, force: bool) -> None:
+    if not force:
+        raise OutputError(f"{folder}: exists already and is not empty; use --force to replace it")
+    strange = next((p for p in folder.iterdir() if p.is_dir() or p.suffix.lower() != ".png"), None)
+    if strange is not None:
+        raise OutputError(
+            f"{folder}: holds '{strange.name}', which layerfix did not write; choose another folder or empty this one"
+        )
+
+
+@contextmanager
+def whole_file(path: Path, *, force: bool) -> Iterator[BinaryIO]:
+    """A binary file to write to; it takes the place of `path` when the block ends without an error.
+
+    Raises OutputError naming `path` for anything the system refuses: no space, no permission.
+    """
+    check_target(path, force=force)
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; a {path.suffix or 'file'} is to be written there")
+    temporary: Path | None = None
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.absolute().parent)
+        temporary = Path(name)
+        with os.fdopen(handle, "w+b") as file:
+            yield file
+        temporary.chmod(_mode(path))
+        os.replace(temporary, path)
+        temporary = None
+    except OSError as problem:
+        raise OutputError(_refused(path, problem)) from problem
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path, *, force: bool) -> Iterator[Path]:
+    """A new folder to write into; it takes the place of `path` when the block ends without an error."""
+    check_target(path, force=force)
+    if os.path.lexists(path) and not path.is_dir():
+        raise OutputError(f"{path}: is a file; a folder is to be written there")
+    temporary: Path | None = None
+    try:
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.absolute().parent))
+        yield temporary
+        temporary.chmod(0o777 & ~_umask())
+        _swap_in(temporary, path)
+        temporary = None
+    except OSError as problem:
+        raise OutputError(_refused(path, problem)) from problem
+    finally:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _swap_in(temporary: Path, path: Path) -> None:
+    """Put `temporary` in the place of `path`; what was there goes only once the new one is in place."""
+    if not path.is_dir():
+        os.replace(temporary, path)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".old", dir=path.absolute().parent))
+    os.replace(path, old / "was")
+    try:
+        os.replace(temporary, path)
+    except OSError:
+        os.replace(old / "was", path)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _refused(path: Path, problem: OSError) -> str:
+    return f"{path}: could not be written: {(problem.strerror or str(problem)).lower()}; nothing was left behind"
+
+
+def _umask() -> int:
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+def _mode(path: Path) -> int:
+    """The permissions of the file being replaced, or those of a new file (mkstemp's are private)."""
+    try:
+        return path.stat().st_mode & 0o777
+    except FileNotFoundError:
+        return 0o666 & ~_umask()

@@ -1,0 +1,95 @@
+"""Every file layerfix reads and writes layers from and to: one module a format, one table."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from layerfix.errors import InputError, OutputError
+from layerfix.formats import png_stack
+from layerfix.mesh import SUFFIXES as MESH_SUFFIXES
+from layerfix.stack import LayerStack, pitch_mm
+
+if TYPE_CHECKING:
+    from layerfix.printers import Printer
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What a container may not say about its layers; what is given here wins."""
+
+    pixel_mm: tuple[float, float] | None = None
+    layer_mm: float | None = None
+    first_layer_mm: float | None = None
+
+
+class Format(NamedTuple):
+    """suffix "" is a folder."""
+
+    suffix: str
+    name: str
+    read: Callable[[Path, Hints], LayerStack]
+    write: Callable[..., None]
+
+
+FORMATS = (
+    Format("", "folder of PNG images", png_stack.read_folder, png_stack.write_folder),
+    Format(".zip", "zip of PNG images", png_stack.read_zip, png_stack.write_zip),
+)
+
+
+def known_suffixes() -> str:
+    """For messages: ``a folder, .zip``."""
+    return ", ".join(f.suffix or "a folder" for f in FORMATS)
+
+
+def read(
+    path: str | Path,
+    *,
+    printer: Printer | None = None,
+    pixel_mm: float | tuple[float, float] | None = None,
+    layer_mm: float | None = None,
+    first_layer_mm: float | None = None,
+) -> LayerStack:
+    """A folder or zip of PNG images as a LayerStack, decoded layer by layer when asked.
+
+    The pitch and layer height come from the arguments, else from the file, else from `printer`.
+    Raises InputError naming the file for one that is missing, unknown, broken or without a pitch.
+    """
+    path = Path(path)
+    hints = Hints(None if pixel_mm is None else pitch_mm(pixel_mm), layer_mm, first_layer_mm)
+    if printer is not None:
+        hints = Hints(hints.pixel_mm or printer.pixel_mm, hints.layer_mm or printer.layer_mm, first_layer_mm)
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    if path.is_dir():
+        return png_stack.read_folder(path, hints)
+    if zipfile.is_zipfile(path) and path.suffix.lower() not in MESH_SUFFIXES:
+        return png_stack.read_zip(path, hints)
+    raise InputError(f"{path}: not a file of layers that layerfix knows; it reads {known_suffixes()}")
+
+
+def write(
+    path: str | Path, stack: LayerStack, printer: Printer | None = None, *, force: bool = False, bits: int = 8
+) -> None:
+    """Write a stack in the format that the suffix names; a path without a suffix is a folder of PNG images.
+
+    force   replace what is there
+    bits    1 or 8, for PNG images
+    Raises OutputError for an unknown suffix, an existing target without `force`, and whatever the system
+    refuses; then nothing is left behind.
+    """
+    path = Path(path)
+    format_for(path).write(path, stack, force=force, bits=bits)
+
+
+def format_for(path: Path) -> Format:
+    """The format that the suffix of an output names."""
+    suffix = path.suffix.lower()
+    for known in FORMATS:
+        if known.suffix == suffix:
+            return known
+    raise OutputError(f"{path}: no writer for '{path.suffix}'; layerfix writes {known_suffixes()}")

@@ -1,0 +1,201 @@
+"""The whole line as one call: open what the user names, correct it, write it, and add up what happened."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from layerfix.correction import correct, feature_radius_px
+from layerfix.errors import InputError, OutputError
+from layerfix.files import check_target, whole_file
+from layerfix.formats import format_for, read
+from layerfix.mesh import SUFFIXES, load_mesh
+from layerfix.pictures import before_after
+from layerfix.slicing import slice_mesh
+from layerfix.units import format_mm
+
+if TYPE_CHECKING:
+    from layerfix.mesh import Mesh
+    from layerfix.printers import Printer
+    from layerfix.stack import Layer, LayerStack
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user asked for; None is "as the printer or the file says"."""
+
+    printer: Printer | None = None
+    pixel_mm: tuple[float, float] | None = None
+    layer_mm: float | None = None
+    first_layer_mm: float | None = None
+    min_feature_mm: float | None = None
+    mode: str | None = None
+    fill: str = "nonzero"
+    unit: str | None = None
+    workers: int = 0
+    force: bool = False
+    bits: int = 8
+    picture: Path | None = None
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a correction came to. Percentages are of the volume before; z is where the thinnest thing is."""
+
+    source: str
+    target: str
+    layers: int
+    size_px: tuple[int, int]
+    pixel_mm: tuple[float, float]
+    min_feature_mm: float
+    mode: str
+    layers_changed: int
+    thinnest_mm: float | None
+    thinnest_z_mm: float | None
+    volume_mm3: float
+    added_mm3: float
+    removed_mm3: float
+    added_percent: float
+    removed_percent: float
+    layers_with_gaps: int
+    longest_gap_mm: float
+    seconds: float
+    most_changed_layer: int = field(default=0)
+
+
+def fix(
+    source: Path, target: Path, options: Options, progress: Callable[[int, int], None] = lambda done, total: None
+) -> Summary:
+    """Correct `source` (a mesh, a folder or a zip of images) into `target`.
+
+    progress is called with (layers done, layers in all), from several threads.
+    Raises InputError and OutputError before any work where it can; then nothing is written.
+    """
+    started = time.perf_counter()
+    _check_paths(source, target, options)
+    stack = open_stack(source, options)
+    min_feature_mm = _min_feature_mm(options)
+    mode = options.mode or (options.printer.mode if options.printer else "as_printed")
+    fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.workers)
+    done: list[Layer] = []
+
+    def watched(layer: Layer) -> Layer:
+        done.append(_facts(layer))
+        progress(len(done), len(fixed))
+        return layer
+
+    format_for(target).write(target, fixed.map(watched), force=options.force, bits=options.bits)
+    summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started)
+    if options.picture:
+        draw_layer(stack, fixed, summary.most_changed_layer, options.picture, force=options.force)
+    return summary
+
+
+def open_stack(source: Path, options: Options) -> LayerStack:
+    """The layers of a mesh (sliced for the printer or the given pitch) or of an image stack."""
+    if source.suffix.lower() not in SUFFIXES:
+        return read(source, printer=options.printer, pixel_mm=options.pixel_mm, layer_mm=options.layer_mm,
+                    first_layer_mm=options.first_layer_mm)  # fmt: skip
+    printer = options.printer
+    pixel_mm = options.pixel_mm or (printer.pixel_mm if printer else None)
+    layer_mm = options.layer_mm or (printer.layer_mm if printer else None)
+    if pixel_mm is None or layer_mm is None:
+        raise InputError(f"{source}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)")
+    first_mm = options.first_layer_mm or (printer.first_layer_mm if printer and not options.layer_mm else None)
+    min_feature_mm = _min_feature_mm(options)
+    feature_radius_px(min_feature_mm, pixel_mm)
+    mesh = load_mesh(source, unit=options.unit)
+    _check_size(mesh, printer, min_feature_mm)
+    panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
+    return slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
+                      margin_mm=min_feature_mm, fill=options.fill, frame_px=panel)  # fmt: skip
+
+
+def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:
+    """Write the before/after picture of one layer."""
+    bottom, top = fixed[index].z_mm
+    picture = before_after(stack[index], fixed[index], stack.pixel_mm, title=f", z = {(bottom + top) / 2:.2f} mm")
+    with whole_file(path, force=force) as file:
+        picture.save(file, "PNG")
+
+
+def _check_paths(source: Path, target: Path, options: Options) -> None:
+    if not source.exists():
+        raise InputError(f"{source}: no such file or folder")
+    if target.exists() and source.exists() and target.samefile(source):
+        raise OutputError(f"{target}: is the input too; layerfix never overwrites its input")
+    format_for(target)
+    check_target(target, force=options.force)
+    if options.picture:
+        check_target(options.picture, force=options.force)
+
+
+def _min_feature_mm(options: Options) -> float:
+    if options.min_feature_mm is not None:
+        return options.min_feature_mm
+    if options.printer is None:
+        raise InputError("no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer")
+    return options.printer.min_feature_mm
+
+
+def _check_size(mesh: Mesh, printer: Printer | None, min_feature_mm: float) -> None:
+    size = mesh.size_mm
+    if max(size[:2]) < min_feature_mm:
+        raise InputError(
+            f"{mesh.name}: the part is {size[0]:.4g} × {size[1]:.4g} mm, smaller than the minimum feature of"
+            f" {format_mm(min_feature_mm)}; all of it would be one dot"
+        )
+    if printer and any(part > room * (1 + 1e-9) for part, room in zip(size, printer.build_mm, strict=True)):
+        raise InputError(
+            f"{mesh.name}: the part is {' × '.join(f'{s:.4g}' for s in size)} mm, larger than what"
+            f" {printer.name} prints: {' × '.join(f'{s:.4g}' for s in printer.build_mm)} mm"
+        )
+
+
+def _facts(layer: Layer) -> Layer:
+    """The layer without its pixels, so that keeping it costs nothing."""
+    from dataclasses import replace
+
+    return replace(layer, rows=layer.rows[:0].copy())
+
+
+def _add_up(
+    source: Path, target: Path, stack: LayerStack, min_feature_mm: float, mode: str, done: list[Layer], started: float
+) -> Summary:
+    layers = sorted(done, key=lambda layer: layer.z_mm)
+    changes = [(layer, layer.change) for layer in layers if layer.change is not None]
+    pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
+
+    def volume(pick: Callable[[int], int]) -> float:
+        return sum(pick(i) * (layer.z_mm[1] - layer.z_mm[0]) for i, (layer, _) in enumerate(changes)) * pixel_mm2
+
+    solid = volume(lambda i: changes[i][1].solid_px)
+    added = volume(lambda i: changes[i][1].added_px)
+    removed = volume(lambda i: changes[i][1].removed_px)
+    thinnest = min(((c.thinnest_mm, layer.z_mm[0]) for layer, c in changes if c.thinnest_mm is not None), default=(None, None))
+    gaps = [layer.gaps for layer in layers if layer.gaps is not None]
+    turned = [c.added_px + c.removed_px for _, c in changes]
+    return Summary(
+        source=str(source),
+        target=str(target),
+        layers=len(layers),
+        size_px=(stack.width, stack.height),
+        pixel_mm=stack.pixel_mm,
+        min_feature_mm=min_feature_mm,
+        mode=mode,
+        layers_changed=sum(t > 0 for t in turned),
+        thinnest_mm=thinnest[0],
+        thinnest_z_mm=thinnest[1],
+        volume_mm3=solid,
+        added_mm3=added,
+        removed_mm3=removed,
+        added_percent=100 * added / solid if solid else 0.0,
+        removed_percent=100 * removed / solid if solid else 0.0,
+        layers_with_gaps=len(gaps),
+        longest_gap_mm=max((g.longest_mm for g in gaps), default=0.0),
+        seconds=time.perf_counter() - started,
+        most_changed_layer=turned.index(max(turned)) if turned else 0,
+    )
