@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from layerfix.errors import InputError
+from layerfix.files import whole_file
 from layerfix.units import format_mm, mm_per_unit
 
 if TYPE_CHECKING:
@@ -144,3 +145,18 @@ def _check_plausible(mesh: Mesh, path: Path, read_in: str) -> None:
         f"{path}: the part is {size} mm, which is {'tiny' if longest < low else 'huge'}; the file may be in"
         f" another unit: {hint}--unit {read_in} to keep this size"
     )
+
+
+def save_stl(path: str | Path, mesh: Mesh, *, force: bool = False) -> None:
+    """Write a binary STL. Raises OutputError for an existing `path` without `force` and what the system refuses."""
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    corners = mesh.vertices[mesh.faces]
+    triangles = np.zeros(len(corners), record)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    triangles["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    triangles["corners"] = corners
+    with whole_file(Path(path), force=force) as file:
+        file.write(f"binary STL, {mesh.name}, mm".encode("ascii", "replace")[:80].ljust(80))
+        file.write(len(corners).to_bytes(4, "little"))
+        file.write(triangles.tobytes())

@@ -1,0 +1,60 @@
+"""`layerfix demo`: the built-in test part, corrected for a stated printer, with something to look at."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from layerfix.errors import OutputError
+from layerfix.files import check_target
+from layerfix.formats import write
+from layerfix.job import Options, Summary, fix
+from layerfix.mesh import save_stl
+from layerfix.printers import load_printer
+from layerfix.samples import sample
+from layerfix.slicing import slice_mesh
+
+PRINTER = "prusa-mk3s-0.4"
+PART, BEFORE, AFTER, PICTURE = "test_part.stl", "before", "after", "before_after.png"
+
+
+def run_demo(folder: Path, *, force: bool, progress: Callable[[int, int], None] = lambda done, total: None) -> Summary:
+    """Write the test part, its layers before and after, and a picture into `folder`.
+
+    Raises OutputError if `folder` holds anything and `force` is not given.
+    """
+    started = time.perf_counter()
+    _make_room(folder, force)
+    printer = load_printer(PRINTER)
+    part = sample("test-part")
+    mesh = part.mesh()
+    save_stl(folder / PART, mesh, force=force)
+    # The part's own layer height, so that the file, the images and the picture agree.
+    options = Options(printer=printer, layer_mm=part.layer_mm, force=force, picture=folder / PICTURE)
+    summary = fix(folder / PART, folder / AFTER, options, progress)
+    before = slice_mesh(mesh, pixel_mm=printer.pixel_mm, layer_mm=part.layer_mm, margin_mm=printer.min_feature_mm)
+    write(folder / BEFORE, before, force=force)
+    return replace(summary, seconds=time.perf_counter() - started)
+
+
+def _make_room(folder: Path, force: bool) -> None:
+    """Create `folder`, or check that it may be filled."""
+    if not folder.exists():
+        check_target(folder, force=force)
+        folder.mkdir()
+    elif not folder.is_dir():
+        raise OutputError(f"{folder}: is a file; the demo fills a folder")
+    elif any(folder.iterdir()) and not force:
+        raise OutputError(f"{folder}: exists already and is not empty; use --force to replace the demo in it")
+
+
+def what_to_look_at(folder: Path) -> str:
+    """A few lines that point at the results."""
+    return (
+        f"Open {folder / PICTURE}: on the left the layer as sliced, on the right corrected for {PRINTER}.\n"
+        "Red is added: fins and pins narrower than the nozzle's dot are thickened to it.\n"
+        "Blue is removed: corners come out as round as the nozzle. Everything else is untouched.\n"
+        f"All layers are in {folder / BEFORE} and {folder / AFTER}, the part itself in {folder / PART}."
+    )
