@@ -25,7 +25,23 @@ _HOME = {
     "read": "formats",
     "write": "formats",
 }
-__all__ = [*_HOME]
+__all__ = [
+    "Layer",
+    "LayerStack",
+    "LayerfixError",
+    "Mesh",
+    "Printer",
+    "correct",
+    "correct_image",
+    "load_mesh",
+    "load_printer",
+    "meso_skeleton",
+    "pack",
+    "read",
+    "slice_mesh",
+    "unpack",
+    "write",
+]
 
 if TYPE_CHECKING:
     from layerfix.bits import pack, unpack

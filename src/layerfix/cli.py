@@ -65,13 +65,29 @@ def layerfix() -> None:
 @click.option("--layer", "layer_mm", type=Length(), help="Layer height: 0.05mm.")
 @click.option("--first-layer", "first_layer_mm", type=Length(), help="Height of the first layer, if it differs.")
 @click.option("--min-feature", "min_feature_mm", type=Length(), help="Smallest dot or bead the printer makes: 0.4mm.")
-@click.option("--mode", type=click.Choice(["as_printed", "add_only"]),
-              help="as_printed rounds corners as the tool does; add_only never removes. [default: the printer's]")
-@click.option("--fill", type=click.Choice(["nonzero", "even_odd", "positive"]), default="nonzero", show_default=True,
-              help="Which parts of overlapping shells are solid.")
+@click.option(
+    "--mode",
+    type=click.Choice(["as_printed", "add_only"]),
+    help="as_printed rounds corners as the tool does; add_only never removes. [default: the printer's]",
+)
+@click.option(
+    "--fill",
+    type=click.Choice(["nonzero", "even_odd", "positive"]),
+    default="nonzero",
+    show_default=True,
+    help="Which parts of overlapping shells are solid.",
+)
 @click.option("--unit", help="What one unit of the mesh is: mm, in, m … [default: as the file says, else mm]")
-@click.option("--bits", type=click.Choice(["1", "8"]), default="8", show_default=True, help="Bits a pixel of PNG images.")
-@click.option("--picture", type=click.Path(path_type=Path), help="Also draw the most changed layer, before and after.")
+@click.option(
+    "--bits",
+    type=click.Choice(["1", "8"]),
+    default="8",
+    show_default=True,
+    help="Bits a pixel of PNG images.",
+)
+@click.option(
+    "--picture", type=click.Path(path_type=Path), help="Also draw the most changed layer, before and after."
+)
 @click.option("--workers", type=click.IntRange(1), help="Threads. [default: one per core]")
 @click.option("--force", is_flag=True, help="Replace OUT if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -124,7 +140,9 @@ def printers(process: str | None, as_json: bool) -> None:
         return
     for p in known:
         raster = f"{p.pixels[0]} × {p.pixels[1]} px" if p.pixels else f"{format_mm(p.nozzle_mm or 0)} nozzle"
-        click.echo(f"{p.name:26}{p.maker} {p.model:28}{p.process:8}{raster:18}min feature {format_mm(p.min_feature_mm)}")
+        click.echo(
+            f"{p.name:26}{p.maker} {p.model:28}{p.process:8}{raster:18}min feature {format_mm(p.min_feature_mm)}"
+        )
 
 
 @layerfix.command()
@@ -200,6 +218,12 @@ def _table(s: Summary) -> str:
         ("time", f"{s.seconds:.2f} s"),
     ]  # fmt: skip
     if s.layers_with_gaps:
-        rows.insert(1, ("open mesh", f"gaps closed in {s.layers_with_gaps} layers, the longest {format_mm(s.longest_gap_mm)}"))
+        rows.insert(
+            1,
+            (
+                "open mesh",
+                f"gaps closed in {s.layers_with_gaps} layers, the longest {format_mm(s.longest_gap_mm)}",
+            ),
+        )
     rows.append(("written", s.target))
     return "\n".join(f"{name:10}{value}" for name, value in rows)

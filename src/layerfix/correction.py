@@ -100,7 +100,9 @@ def _check_mode(mode: str) -> None:
         raise InputError(f"mode='{mode}' is not known; choose from {', '.join(MODES)}")
 
 
-def correct(stack: LayerStack, *, min_feature_mm: float, mode: str = "as_printed", spurs: str = "paper") -> LayerStack:
+def correct(
+    stack: LayerStack, *, min_feature_mm: float, mode: str = "as_printed", spurs: str = "paper"
+) -> LayerStack:
     """The stack with everything narrower than `min_feature_mm` thickened to it (paper, Algorithm 1).
 
     min_feature_mm  diameter of F, the smallest dot or bead the printer makes
@@ -123,10 +125,9 @@ def correct(stack: LayerStack, *, min_feature_mm: float, mode: str = "as_printed
     add_only = mode == "add_only"
 
     def corrected(layer: Layer) -> Layer:
-        rows, counts, thinnest = _correct(
-            layer.rows, layer.width, half_widths, max(rx, ry), add_only, px_mm, py_mm
-        )
-        change = Change(*counts, thinnest if np.isfinite(thinnest) else None)
+        rows, counts, thinnest = _correct(layer.rows, layer.width, half_widths, max(rx, ry), add_only, px_mm, py_mm)
+        solid, added, removed = counts
+        change = Change(solid, added, removed, thinnest if np.isfinite(thinnest) else None)
         return replace(layer, rows=rows, change=change)
 
     return stack.map(corrected)

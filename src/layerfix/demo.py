@@ -20,7 +20,9 @@ PRINTER = "prusa-mk3s-0.4"
 PART, BEFORE, AFTER, PICTURE = "test_part.stl", "before", "after", "before_after.png"
 
 
-def run_demo(folder: Path, *, force: bool, progress: Callable[[int, int], None] = lambda done, total: None) -> Summary:
+def run_demo(
+    folder: Path, *, force: bool, progress: Callable[[int, int], None] = lambda done, total: None
+) -> Summary:
     """Write the test part, its layers before and after, and a picture into `folder`.
 
     Raises OutputError if `folder` holds anything and `force` is not given.

@@ -67,7 +67,10 @@ class Summary:
 
 
 def fix(
-    source: Path, target: Path, options: Options, progress: Callable[[int, int], None] = lambda done, total: None
+    source: Path,
+    target: Path,
+    options: Options,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Summary:
     """Correct `source` (a mesh, a folder or a zip of images) into `target`.
 
@@ -103,7 +106,9 @@ def open_stack(source: Path, options: Options) -> LayerStack:
     pixel_mm = options.pixel_mm or (printer.pixel_mm if printer else None)
     layer_mm = options.layer_mm or (printer.layer_mm if printer else None)
     if pixel_mm is None or layer_mm is None:
-        raise InputError(f"{source}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)")
+        raise InputError(
+            f"{source}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)"
+        )
     first_mm = options.first_layer_mm or (printer.first_layer_mm if printer and not options.layer_mm else None)
     min_feature_mm = _min_feature_mm(options)
     feature_radius_px(min_feature_mm, pixel_mm)
@@ -163,7 +168,13 @@ def _facts(layer: Layer) -> Layer:
 
 
 def _add_up(
-    source: Path, target: Path, stack: LayerStack, min_feature_mm: float, mode: str, done: list[Layer], started: float
+    source: Path,
+    target: Path,
+    stack: LayerStack,
+    min_feature_mm: float,
+    mode: str,
+    done: list[Layer],
+    started: float,
 ) -> Summary:
     layers = sorted(done, key=lambda layer: layer.z_mm)
     changes = [(layer, layer.change) for layer in layers if layer.change is not None]
@@ -175,7 +186,10 @@ def _add_up(
     solid = volume(lambda i: changes[i][1].solid_px)
     added = volume(lambda i: changes[i][1].added_px)
     removed = volume(lambda i: changes[i][1].removed_px)
-    thinnest = min(((c.thinnest_mm, layer.z_mm[0]) for layer, c in changes if c.thinnest_mm is not None), default=(None, None))
+    thinnest = min(
+        ((c.thinnest_mm, layer.z_mm[0]) for layer, c in changes if c.thinnest_mm is not None),
+        default=(None, None),
+    )
     gaps = [layer.gaps for layer in layers if layer.gaps is not None]
     turned = [c.added_px + c.removed_px for _, c in changes]
     return Summary(

@@ -137,7 +137,9 @@ def _check_plausible(mesh: Mesh, path: Path, read_in: str) -> None:
         raise InputError(f"{path}: all vertices are one point; the mesh has no size")
     if longest < low:
         choices = [u for u in ("in", "cm", "m") if low <= longest / mm_per_unit(read_in) * mm_per_unit(u) <= high]
-        hint = " or ".join(f"--unit {u} ({format_mm(longest / mm_per_unit(read_in) * mm_per_unit(u))})" for u in choices)
+        hint = " or ".join(
+            f"--unit {u} ({format_mm(longest / mm_per_unit(read_in) * mm_per_unit(u))})" for u in choices
+        )
     else:
         hint = f"--unit um ({format_mm(longest / mm_per_unit(read_in) * 1e-3)})"
     hint = f"try {hint}, or " if hint else ""

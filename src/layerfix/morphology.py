@@ -198,7 +198,11 @@ def clear_past(rows, width):  # type: ignore[no-untyped-def]
             rows[y, last] &= keep
 
 
-@njit(types.void(WORK, types.UniTuple(types.int64, 4), HALF_WIDTHS, types.int64, WORK, WORK), cache=True, nogil=True)
+@njit(
+    types.void(WORK, types.UniTuple(types.int64, 4), HALF_WIDTHS, types.int64, WORK, WORK),
+    cache=True,
+    nogil=True,
+)
 def dilate_into(padded, box, half_widths, width, target, scratch):  # type: ignore[no-untyped-def]
     """target |= padded ⊕ F, where `padded` was cut at `box` from a frame `width` pixels wide."""
     boundary(padded, False, scratch)

@@ -15,7 +15,13 @@ if TYPE_CHECKING:
     from layerfix.bits import Image
     from layerfix.stack import Layer
 
-WHITE, SOLID, ADDED, REMOVED, INK = (255, 255, 255), (172, 178, 186), (214, 39, 40), (31, 95, 214), (40, 44, 52)
+WHITE, SOLID, ADDED, REMOVED, INK = (
+    (255, 255, 255),
+    (172, 178, 186),
+    (214, 39, 40),
+    (31, 95, 214),
+    (40, 44, 52),
+)
 PANEL_PX = 900  # longest side of one layer in a picture
 CAPTION_PX = 56
 
@@ -44,7 +50,12 @@ def before_after(before: Layer, after: Layer, pixel_mm: tuple[float, float], *, 
         if k:
             x += round(pen.textlength(caption, font_size=28))
             pen.text((x, gap), "added  ", fill=ADDED, font_size=28)
-            pen.text((x + round(pen.textlength("added  ", font_size=28)), gap), "removed", fill=REMOVED, font_size=28)
+            pen.text(
+                (x + round(pen.textlength("added  ", font_size=28)), gap),
+                "removed",
+                fill=REMOVED,
+                font_size=28,
+            )
     return canvas
 
 

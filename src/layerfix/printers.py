@@ -138,7 +138,8 @@ def _value(path: Path, key: str, value: Any) -> Any:
 def _derived_pitch(path: Path, values: dict[str, Any]) -> tuple[float, float]:
     """A panel's pitch is its size over its pixels; a nozzle's raster has eight pixels a nozzle width."""
     if "pixels" in values:
-        return tuple(mm / px for mm, px in zip(values["build_mm"], values["pixels"], strict=False))  # type: ignore[return-value]
+        (x_mm, y_mm, _), (x_px, y_px) = values["build_mm"], values["pixels"]
+        return x_mm / x_px, y_mm / y_px
     if "nozzle_mm" in values:
         pitch = values["nozzle_mm"] / 8
         return pitch, pitch

@@ -15,7 +15,6 @@ from numba import njit, types
 from layerfix.bits import U0, WORK, pack, unpack
 from layerfix.errors import InputError
 from layerfix.morphology import (
-    HALF_WIDTHS,
     bounding_box,
     disc_half_widths,
     erode_padded,

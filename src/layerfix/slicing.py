@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit, types
 
-from layerfix.bits import ALL, U0, U1, WORK, words_for
+from layerfix.bits import ALL, WORK, words_for
 from layerfix.errors import InputError
 from layerfix.mesh import Mesh
-from layerfix.stack import Gaps, Layer, LayerStack, layer_bounds_mm, layer_maker, pitch_mm
+from layerfix.stack import Gaps, Layer, LayerStack, layer_bounds_mm, pitch_mm
 from layerfix.units import format_mm
 from layerfix.winding import close_gaps, edges_balance, orient
 
@@ -56,7 +56,8 @@ class _Cutter:
     def segments(self, index: int) -> NDArray[np.float64]:
         slab = index // SLAB_LAYERS
         chosen = self.slab_faces[self.slab_starts[slab] : self.slab_starts[slab + 1]]
-        return cut(self.points, self.faces, chosen, self.planes[index])
+        segments: NDArray[np.float64] = cut(self.points, self.faces, chosen, self.planes[index])
+        return segments
 
 
 @njit(types.UniTuple(types.int64, 2)(HEIGHTS, types.float64, types.float64), cache=True, nogil=True)
@@ -154,7 +155,7 @@ def _sort_row(crossings):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(SEGMENTS, types.int64, types.int64, WORK), cache=True, nogil=True)
-def fill(segments, width, rule, out):  # type: ignore[no-untyped-def]
+def fill_rows(segments, width, rule, out):  # type: ignore[no-untyped-def]
     """Set the pixels of `out` (zeroed packed rows) whose centre is inside by the winding rule."""
     height = out.shape[0]
     starts = np.zeros(height + 1, np.int64)
@@ -226,18 +227,18 @@ def slice_mesh(
     z_mm = _layers(mesh, layer_mm, first_layer_mm)
     cutter = _cutter(mesh, pitch, origin, z_mm)
     rule = FILLS[fill]
-    if cutter.closed:
-        return LayerStack(width, height, pitch, z_mm, _closed_maker(cutter, width, height, rule, z_mm), origin)
-    return LayerStack(width, height, pitch, z_mm, _open_maker(cutter, width, height, rule, z_mm, pitch), origin)
 
+    def make(index: int) -> Layer:
+        segments, gaps = cutter.segments(index), None
+        if not cutter.closed:
+            segments, lengths_mm = close_gaps(segments, pitch)
+            gaps = Gaps(len(lengths_mm), float(lengths_mm.max())) if len(lengths_mm) else None
+        rows = np.zeros((height, words_for(width)), np.uint64)
+        fill_rows(segments, width, rule, rows)
+        bottom, top = z_mm[index].tolist()
+        return Layer(rows, width, (bottom, top), gaps=gaps)
 
-def _closed_maker(cutter, width, height, rule, z_mm):  # type: ignore[no-untyped-def]
-    def rows(index: int) -> NDArray[np.uint64]:
-        out = np.zeros((height, words_for(width)), np.uint64)
-        fill(cutter.segments(index), width, rule, out)
-        return out
-
-    return layer_maker(rows, width, z_mm)
+    return LayerStack(width, height, pitch, z_mm, make, origin)
 
 
 def _frame(
@@ -308,15 +309,3 @@ def _cutter(
         closed = bool(edges_balance(points, faces))
     starts, chosen = bucket(points, faces, planes, SLAB_LAYERS)
     return _Cutter(points, faces, planes, starts, chosen, closed)
-
-
-def _open_maker(cutter, width, height, rule, z_mm, pitch):  # type: ignore[no-untyped-def]
-    def make(index: int) -> Layer:
-        segments, lengths_mm = close_gaps(cutter.segments(index), pitch)
-        out = np.zeros((height, words_for(width)), np.uint64)
-        fill(segments, width, rule, out)
-        gaps = Gaps(len(lengths_mm), float(lengths_mm.max())) if len(lengths_mm) else None
-        bottom, top = z_mm[index].tolist()
-        return Layer(out, width, (bottom, top), gaps=gaps)
-
-    return make

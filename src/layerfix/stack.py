@@ -113,7 +113,9 @@ class LayerStack(Sequence[Layer]):
         if z.ndim != 2 or z.shape[1] != 2 or not np.isfinite(z).all():
             raise InputError(f"z_mm has shape {z.shape}; it is (layers, 2): bottom and top")
         if not (np.all(z[:, 1] > z[:, 0]) and np.all(z[1:, 0] >= z[:-1, 1] - 1e-6)):
-            raise InputError("z_mm does not rise: each layer's top is above its bottom, and no layer overlaps the next")
+            raise InputError(
+                "z_mm does not rise: each layer's top is above its bottom, and no layer overlaps the next"
+            )
         if self.workers < 0:
             raise InputError(f"workers={self.workers}: at least 1, or 0 for one per core")
         z.flags.writeable = False
@@ -145,8 +147,7 @@ class LayerStack(Sequence[Layer]):
             raise InputError("no images: a stack has at least one layer")
         height, width = shape
         z_mm = layer_bounds_mm(len(packed), layer_mm, first_layer_mm)
-        return cls(width, height, pitch_mm(pixel_mm), z_mm,
-                   lambda i: Layer(packed[i], width, _bounds(z_mm, i)))
+        return cls(width, height, pitch_mm(pixel_mm), z_mm, lambda i: Layer(packed[i], width, _bounds(z_mm, i)))
 
     def __len__(self) -> int:
         return len(self.z_mm)
@@ -181,7 +182,7 @@ class LayerStack(Sequence[Layer]):
     def each(self, use: Callable[[Layer], Result]) -> Generator[Result]:
         """Yield `use` of every layer in order. Layers are made and used in threads, and at most two per
         worker are ahead of the reader, so memory depends on the layer's size, not on their number."""
-        workers = self.workers or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        workers = self.workers or _cores()
         make = self.make
         if workers == 1 or len(self) < 2:
             for i in range(len(self)):
@@ -192,7 +193,7 @@ class LayerStack(Sequence[Layer]):
             try:
                 for i in range(len(self)):
                     ahead.append(pool.submit(lambda i: use(make(i)), i))
-                    if len(ahead) > 2 * (workers or 1):
+                    if len(ahead) > 2 * workers:
                         yield ahead.popleft().result()
                 while ahead:
                     yield ahead.popleft().result()
@@ -205,6 +206,11 @@ class LayerStack(Sequence[Layer]):
         heights = self.z_mm[:, 1] - self.z_mm[:, 0]
         counts = np.fromiter(self.each(Layer.count_px), np.float64, len(self))
         return float(counts @ heights) * self.pixel_mm[0] * self.pixel_mm[1]
+
+
+def _cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def pitch_mm(pixel_mm: float | tuple[float, float]) -> tuple[float, float]:

@@ -32,8 +32,15 @@ def mm_per_unit(name: str) -> float:
     for unit in (wanted, wanted.removesuffix("s"), wanted.removesuffix("es"), wanted.removesuffix("imeter")):
         if unit in MM_PER_UNIT:
             return MM_PER_UNIT[unit]
-    spelled_out = {"millimeter": 1.0, "millimetre": 1.0, "centimeter": 10.0, "centimetre": 10.0,
-                   "micrometer": 1e-3, "micrometre": 1e-3, "feet": 304.8}
+    spelled_out = {
+        "millimeter": 1.0,
+        "millimetre": 1.0,
+        "centimeter": 10.0,
+        "centimetre": 10.0,
+        "micrometer": 1e-3,
+        "micrometre": 1e-3,
+        "feet": 304.8,
+    }
     if wanted.removesuffix("s") in spelled_out:
         return spelled_out[wanted.removesuffix("s")]
     raise InputError(f"unknown unit '{name}': use one of um, mm, cm, in, ft, m")

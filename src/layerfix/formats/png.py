@@ -17,13 +17,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit, types
 
-from layerfix.bits import ROWS, U0, U1, U63, lowest_bit, pack
+from layerfix.bits import ROWS, U0, U1, lowest_bit, pack
 from layerfix.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from numpy.typing import NDArray
 
     from layerfix.bits import Rows
 
@@ -92,7 +90,11 @@ def _emit_run(value, count, emit, counts, codes, lengths, state, out, sums):  # 
         _put(state, out, np.uint64(last - LENGTH_BASE[k]), LENGTH_EXTRA[k] + 1)
 
 
-@njit(types.void(ROWS, types.int64, types.boolean, COUNTS, STATE, COUNTS, STATE, BYTES, COUNTS), cache=True, nogil=True)
+@njit(
+    types.void(ROWS, types.int64, types.boolean, COUNTS, STATE, COUNTS, STATE, BYTES, COUNTS),
+    cache=True,
+    nogil=True,
+)
 def _walk(rows, width, emit, counts, codes, lengths, state, out, sums):  # type: ignore[no-untyped-def]
     """All runs of the Up-filtered 8-bit image: counted into `counts` and `sums`, or written to `out`."""
     words = rows.shape[1]
@@ -136,7 +138,7 @@ def _huffman_lengths(counts: Iterable[int], limit: int) -> list[int]:
     weights = list(counts)
     while True:
         lengths = [0] * len(weights)
-        heap = [(c, i, (i,)) for i, c in enumerate(weights) if c]
+        heap: list[tuple[int, int, tuple[int, ...]]] = [(c, i, (i,)) for i, c in enumerate(weights) if c]
         if len(heap) == 1:
             lengths[heap[0][1]] = 1
             return lengths
@@ -210,7 +212,17 @@ def _zlib_stream_8bit(rows: Rows, width: int) -> bytes:
     whole = header_bits // 8
     out[:whole] = np.frombuffer(body[:whole], np.uint8)
     state[:] = (body[whole], header_bits % 8, whole)
-    _walk(rows, width, True, counts, np.array(_huffman_codes(lengths), np.uint64), np.array(lengths), state, out, sums)
+    _walk(
+        rows,
+        width,
+        True,
+        counts,
+        np.array(_huffman_codes(lengths), np.uint64),
+        np.array(lengths),
+        state,
+        out,
+        sums,
+    )
     end = int(state[2])
     if state[1]:
         out[end] = int(state[0]) & 255
@@ -230,7 +242,9 @@ def _zlib_stream_1bit(rows: Rows, width: int) -> bytes:
     return stream
 
 
-_REVERSED = np.packbits(np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1), axis=1, bitorder="little")[:, 0]
+_REVERSED = np.packbits(np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1), axis=1, bitorder="little")[
+    :, 0
+]
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
@@ -238,7 +252,12 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def encode_png(
-    rows: Rows, width: int, *, bits: int = 8, pixel_mm: tuple[float, float] | None = None, text: dict[str, str] | None = None
+    rows: Rows,
+    width: int,
+    *,
+    bits: int = 8,
+    pixel_mm: tuple[float, float] | None = None,
+    text: dict[str, str] | None = None,
 ) -> bytes:
     """A greyscale PNG of packed rows: solid is 255 (8-bit) or 1 (1-bit).
 

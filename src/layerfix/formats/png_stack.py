@@ -97,7 +97,9 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
     z_mm = _z_mm(heads, hints)
     if pixel_mm is None or z_mm is None:
         missing = " and ".join(w for w, v in (("pixel pitch", pixel_mm), ("layer height", z_mm)) if v is None)
-        raise InputError(f"{source.where}: the images do not say their {missing}; give --printer, or --pixel and --layer")
+        raise InputError(
+            f"{source.where}: the images do not say their {missing}; give --printer, or --pixel and --layer"
+        )
     x, y = first.notes.get("origin_mm", (0.0, first.height * pixel_mm[1]))
 
     def rows(index: int) -> Any:
@@ -151,7 +153,9 @@ def _notes(text: bytes) -> dict[str, Any]:
 def _encoder(stack: LayerStack, bits: int) -> Callable[[Layer], bytes]:
     def encode(layer: Layer) -> bytes:
         notes = {"pixel_mm": stack.pixel_mm, "origin_mm": stack.origin_mm, "z_mm": layer.z_mm}
-        return encode_png(layer.rows, layer.width, bits=bits, pixel_mm=stack.pixel_mm, text={TEXT_KEY: json.dumps(notes)})
+        return encode_png(
+            layer.rows, layer.width, bits=bits, pixel_mm=stack.pixel_mm, text={TEXT_KEY: json.dumps(notes)}
+        )
 
     return encode
 

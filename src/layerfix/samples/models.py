@@ -55,8 +55,20 @@ def feature_plate() -> Mesh:
     plate = prism(rounded(low, high, 4), 0, PLATE_TOP_MM)
     rim = fence(rounded(low, high, 4, 0.7), rounded(low, high, 4, 1.1), *UPRIGHT)
     title = letters("LAYERFIX", (3.35, 48.05), 6.6, 0.3, *UPRIGHT)
-    return join([plate, rim, title, *_ladder_of_widths(), _slotted_block(), *_wedges(), *_rings(),
-                 _star(), *_lattice(), *_gear()])
+    return join(
+        [
+            plate,
+            rim,
+            title,
+            *_ladder_of_widths(),
+            _slotted_block(),
+            *_wedges(),
+            *_rings(),
+            _star(),
+            *_lattice(),
+            *_gear(),
+        ]
+    )
 
 
 def _ladder_of_widths() -> list[Mesh]:
@@ -66,9 +78,12 @@ def _ladder_of_widths() -> list[Mesh]:
     low, high = 24.4 + OFF_GRID_MM - WIDTHS_MM / 2, 24.4 + OFF_GRID_MM + WIDTHS_MM / 2
     pins = posts(np.stack(np.broadcast_arrays(at, rows), axis=-1), WIDTHS_MM / 2, *UPRIGHT, 24)
     half = WIDTHS_MM / 2
-    return [_uprights(at - half, 35.6, at + half, 46.2), pins, _uprights(at - half, low, at + half, high),
-            *(_label(f"{width:.1f}".lstrip("0").removesuffix(".0"), x)
-              for width, x in zip(WIDTHS_MM, at, strict=True))]
+    return [
+        _uprights(at - half, 35.6, at + half, 46.2),
+        pins,
+        _uprights(at - half, low, at + half, high),
+        *(_label(f"{width:.1f}".lstrip("0").removesuffix(".0"), x) for width, x in zip(WIDTHS_MM, at, strict=True)),
+    ]
 
 
 def _uprights(x0: Floats, y0: Floats | float, x1: Floats, y1: Floats | float) -> Mesh:
@@ -77,15 +92,19 @@ def _uprights(x0: Floats, y0: Floats | float, x1: Floats, y1: Floats | float) ->
 
 
 def _label(text: str, middle_mm: float) -> Mesh:
-    mark = letters(text, (0, 32.2), 2.1, 0.25, *UPRIGHT)
+    mark = letters(text, (0, 32.2), 2.1, 0.24, *UPRIGHT)
     return mark.moved([middle_mm - mark.bounds_mm[:, 0].mean(), 0, 0])
 
 
 def _slotted_block() -> Mesh:
     edges_low = np.append(2.2, COLUMNS_MM + WIDTHS_MM / 2)
     edges_high = np.append(COLUMNS_MM - WIDTHS_MM / 2, 38.8)
-    return join([_uprights(edges_low, 12.0, edges_high, 22.4),
-                 boxes((2.2, 11.2, FEATURES_FROM_MM), (38.8, 13.2, FEATURES_TO_MM))])
+    return join(
+        [
+            _uprights(edges_low, 12.0, edges_high, 22.4),
+            boxes((2.2, 11.2, FEATURES_FROM_MM), (38.8, 13.2, FEATURES_TO_MM)),
+        ]
+    )
 
 
 def _wedges() -> list[Mesh]:
@@ -97,8 +116,10 @@ def _wedges() -> list[Mesh]:
 
 def _rings() -> list[Mesh]:
     angles = around(128)
-    walls = [fence(polar(r + w / 2, angles), polar(r - w / 2, angles), *UPRIGHT)
-             for r, w in ((6.3, 0.2), (5.0, 0.4), (3.5, 0.9), (1.6, 0.3))]
+    walls = [
+        fence(polar(r + w / 2, angles), polar(r - w / 2, angles), *UPRIGHT)
+        for r, w in ((6.3, 0.2), (5.0, 0.4), (3.5, 0.9), (1.6, 0.3))
+    ]
     return [ring.moved([47.6, 40.6, 0]) for ring in walls]
 
 
@@ -127,7 +148,7 @@ def _gear() -> list[Mesh]:
     wheel = fence(outline, polar(2.8, teeth).reshape(-1, 3), *UPRIGHT)
     spokes = bars(polar(0.5, around(5))[:, :2], polar(3.2, around(5))[:, :2], 0.3, *UPRIGHT)
     hub = prism(polar(1.0, around(32)), *UPRIGHT)
-    return [part.moved([47.6, 6.2, 0]) for part in (wheel, spokes, hub)]
+    return [part.moved([47.6, 6.25, 0]) for part in (wheel, spokes, hub)]
 
 
 # --- molecule --------------------------------------------------------------------------------------------
@@ -237,8 +258,11 @@ def _thread() -> Mesh:
     # The ridge is rooted 0.4 mm inside the shaft, so that neighbouring turns share no edge with it.
     foot = ROOT_MM - 0.4
     z = HEAD_MM + PITCH_MM / 2 + PITCH_MM * angle / TURN
-    corners = [polar(foot, angle, z - PITCH_MM / 2), polar(foot, angle, z + PITCH_MM / 2),
-               polar(foot + 0.05 + (CREST_MM - foot) * fade, angle, z)]
+    corners = [
+        polar(foot, angle, z - PITCH_MM / 2),
+        polar(foot, angle, z + PITCH_MM / 2),
+        polar(foot + 0.05 + (CREST_MM - foot) * fade, angle, z),
+    ]
     return loft(np.stack(corners, axis=1))
 
 
@@ -275,8 +299,17 @@ def helical_tower() -> Mesh:
         tube(polar(_tower_radius(z), around(12)[:, None] + turns * TURN * z / shaft_mm, z), radius, 10)
         for turns, radius in ((1.25, 0.5), (-1.25, 0.3))
     )
-    return join([*steps, rising, falling, *_tower_floors(shaft_mm), *_tower_core(shaft_mm),
-                 *_tower_vanes(shaft_mm), *_tower_top(shaft_mm)])
+    return join(
+        [
+            *steps,
+            rising,
+            falling,
+            *_tower_floors(shaft_mm),
+            *_tower_core(shaft_mm),
+            *_tower_vanes(shaft_mm),
+            *_tower_top(shaft_mm),
+        ]
+    )
 
 
 def _tower_floors(shaft_mm: float) -> list[Mesh]:
@@ -284,9 +317,11 @@ def _tower_floors(shaft_mm: float) -> list[Mesh]:
     parts = []
     for z in np.arange(STOREY_MM, shaft_mm, STOREY_MM):
         edge = float(_tower_radius(z)) + 1.2
-        parts += [prism(polar(edge, around(96)), z, z + 0.6),
-                  posts(polar(edge - 0.4, around(48)), 0.2, z, z + 2.2, 6),
-                  fence(polar(edge - 0.2, around(96)), polar(edge - 0.6, around(96)), z + 2.0, z + 2.4)]
+        parts += [
+            prism(polar(edge, around(96)), z, z + 0.6),
+            posts(polar(edge - 0.4, around(48)), 0.2, z, z + 2.2, 6),
+            fence(polar(edge - 0.2, around(96)), polar(edge - 0.6, around(96)), z + 2.0, z + 2.4),
+        ]
     return parts
 
 

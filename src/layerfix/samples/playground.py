@@ -43,8 +43,24 @@ KIOSK_MIDDLE, KIOSK_RADIUS_MM = np.array([104.0, 98.0]), 15.0
 
 def playground() -> Mesh:
     """139.7 × 145.9 × 55.5 mm: two forts and a bridge, slides, swings, a net, a dome, a tree, a fence."""
-    return join([*_ground(), *_fort(), *_kiosk(), *_bridge(), *_slides(), *_fort_ladder(), *_fort_net(),
-                 *_swings(), *_dome(), *_roundabout(), *_seesaw(), *_spring_riders(), *_sandpit(), *_tree()])
+    return join(
+        [
+            *_ground(),
+            *_fort(),
+            *_kiosk(),
+            *_bridge(),
+            *_slides(),
+            *_fort_ladder(),
+            *_fort_net(),
+            *_swings(),
+            *_dome(),
+            *_roundabout(),
+            *_seesaw(),
+            *_spring_riders(),
+            *_sandpit(),
+            *_tree(),
+        ]
+    )
 
 
 def _ground() -> list[Mesh]:
@@ -55,8 +71,13 @@ def _ground() -> list[Mesh]:
     rails = [bars(corners[:-1], corners[1:], 0.4, z, z + 0.9) for z in (5.0, 10.0)]
     arch = np.linspace(0, np.pi, 40)
     arc = np.stack([69 - 9 * np.cos(arch), np.full(40, y0), 19.5 + 5 * np.sin(arch)], axis=1)
-    return [prism(rounded((0, 0), GROUND_MM, 5), 0, GROUND_TOP_MM), *rails, tube(arc, 0.5, 12),
-            posts(_evenly(corners, 2.4), 0.35, ROOTED_MM, 12.6, 8), posts(gate, 0.9, ROOTED_MM, 20.0, 20)]
+    return [
+        prism(rounded((0, 0), GROUND_MM, 5), 0, GROUND_TOP_MM),
+        *rails,
+        tube(arc, 0.5, 12),
+        posts(_evenly(corners, 2.4), 0.35, ROOTED_MM, 12.6, 8),
+        posts(gate, 0.9, ROOTED_MM, 20.0, 20),
+    ]
 
 
 def _evenly(corners: Floats, pitch_mm: float) -> Floats:
@@ -97,8 +118,13 @@ def _fort() -> list[Mesh]:
     roof = _tent(FORT_MIDDLE + (square - FORT_MIDDLE) * 1.25, 40.0, 55.5, 0.5)
     eaves = _chain(raised(square[[0, 1, 2, 3, 0]], 40.6), 0.6, 12)
     (x0, y0), (x1, y1) = square[0], square[2]
-    lines = [[(x0, y0), (x0 + 7.6, y0)], [(x1 - 7.6, y0), (x1, y0), (x1, y0 + 8)], [(x1, y1 - 8), (x1, y1)],
-             [(x0, y1), (x0, y1 - 8)], [(x0, y0 + 8), (x0, y0)]]
+    lines = [
+        [(x0, y0), (x0 + 7.6, y0)],
+        [(x1 - 7.6, y0), (x1, y0), (x1, y0 + 8)],
+        [(x1, y1 - 8), (x1, y1)],
+        [(x0, y1), (x0, y1 - 8)],
+        [(x0, y0 + 8), (x0, y0)],
+    ]
     rails = [part for line in lines for part in _railing(np.array(line))]
     return [posts(square, 1.4, ROOTED_MM, 41.0, 20), deck, roof, eaves, *rails]
 
@@ -111,8 +137,14 @@ def _kiosk() -> list[Mesh]:
     x, y = np.linspace(0, 8, 24), np.linspace(52.0, 54.8, 6)[:, None]
     cloth = np.stack(np.broadcast_arrays(x, 0.8 * np.sin(x), y - 0.05 * x), axis=-1) + raised(KIOSK_MIDDLE, 0)
     rail = polar(KIOSK_RADIUS_MM - 0.6, np.linspace(-TURN * 0.44, TURN * 0.06, 17))[:, :2] + KIOSK_MIDDLE
-    return [posts(feet, 1.1, ROOTED_MM, 40.0, 18), deck, roof, posts(KIOSK_MIDDLE, 0.3, 48.0, 55.2, 10),
-            sheet(cloth, 0.25), *_railing(rail)]
+    return [
+        posts(feet, 1.1, ROOTED_MM, 40.0, 18),
+        deck,
+        roof,
+        posts(KIOSK_MIDDLE, 0.3, 48.0, 55.2, 10),
+        sheet(cloth, 0.25),
+        *_railing(rail),
+    ]
 
 
 def _bridge() -> list[Mesh]:
@@ -140,9 +172,13 @@ def _slides() -> list[Mesh]:
     middle, turn = point(119.5, 116.5), np.linspace(-0.62 * TURN, 0.95 * TURN, 150)[:, None]
     drop = DECK_MM + 0.6 - 17.0 * (turn - turn[0]) / (turn[-1] - turn[0])
     spiral = polar(7.4 + 3.6 * np.sin(bend), turn, drop + 3.0 * (1 - np.cos(bend))) + middle
-    return [sheet(np.stack(np.broadcast_arrays(*trough), axis=-1), 0.5), sheet(spiral, 0.5),
-            posts(start - (0, 24.0), 0.6, ROOTED_MM, 12.6, 20), posts(middle, 1.3, ROOTED_MM, 24.0, 20),
-            cones(middle + 23.8 * UP, middle + 26.0 * UP, 1.3, 20)]
+    return [
+        sheet(np.stack(np.broadcast_arrays(*trough), axis=-1), 0.5),
+        sheet(spiral, 0.5),
+        posts(start - (0, 24.0), 0.6, ROOTED_MM, 12.6, 20),
+        posts(middle, 1.3, ROOTED_MM, 24.0, 20),
+        cones(middle + 23.8 * UP, middle + 26.0 * UP, 1.3, 20),
+    ]
 
 
 def _fort_ladder() -> list[Mesh]:
@@ -192,9 +228,14 @@ def _dome() -> list[Mesh]:
     middle = point(108.0, 40.0, GROUND_TOP_MM)
     knots = 19 * polar(np.cos(tilt)[:, None], turn, np.sin(tilt)[:, None]) + middle
     above, peak = knots[1:], middle + 19 * UP
-    return [rods(knots, np.roll(knots, -1, axis=1), 0.35, 10), rods(knots[:-1], above, 0.35, 10),
-            rods(knots[:-1], np.roll(above, 1, axis=1), 0.35, 10), rods(knots[-1], peak, 0.35, 10),
-            balls(knots, [0.6], 12), balls(peak, [0.8], 12)]
+    return [
+        rods(knots, np.roll(knots, -1, axis=1), 0.35, 10),
+        rods(knots[:-1], above, 0.35, 10),
+        rods(knots[:-1], np.roll(above, 1, axis=1), 0.35, 10),
+        rods(knots[-1], peak, 0.35, 10),
+        balls(knots, [0.6], 12),
+        balls(peak, [0.8], 12),
+    ]
 
 
 def _roundabout() -> list[Mesh]:
@@ -203,8 +244,11 @@ def _roundabout() -> list[Mesh]:
     arch = np.linspace(0, np.pi, 30)
     reach, height = 4.8 - 3.6 * np.cos(arch), 4.0 + 6.0 * np.sin(arch)
     hoops = tube(polar(reach, around(6)[:, None], height), 0.3, 10)
-    return [prism(polar(9.4, around(72)), 3.4, 4.4).moved(middle), hoops.moved(middle),
-            posts(middle, 0.8, ROOTED_MM, 12.0, 16)]
+    return [
+        prism(polar(9.4, around(72)), 3.4, 4.4).moved(middle),
+        hoops.moved(middle),
+        posts(middle, 0.8, ROOTED_MM, 12.0, 16),
+    ]
 
 
 def _seesaw() -> list[Mesh]:
@@ -216,8 +260,12 @@ def _seesaw() -> list[Mesh]:
     feet = np.array([(-2.0, -2.4), (2.0, -2.4), (2.0, 2.4), (-2.0, 2.4)])
     grips = ends + np.outer([1, -1], point(2.6, -0.56, 0.5))
     tops = grips + 3.0 * UP
-    return [sheet(plank, 0.8), rods(raised(middle[:2] + feet, ROOTED_MM), middle - 0.2 * UP, 0.5, 12),
-            rods(grips, tops, 0.25, 8), rods(tops - 1.1 * across, tops + 1.1 * across, 0.25, 8)]
+    return [
+        sheet(plank, 0.8),
+        rods(raised(middle[:2] + feet, ROOTED_MM), middle - 0.2 * UP, 0.5, 12),
+        rods(grips, tops, 0.25, 8),
+        rods(tops - 1.1 * across, tops + 1.1 * across, 0.25, 8),
+    ]
 
 
 def _spring_riders() -> list[Mesh]:
@@ -243,9 +291,14 @@ def _sandpit() -> list[Mesh]:
     turrets = middle + 4.6 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     tops = raised(turrets, 9.0)
     merlons, half = polar(2.5, around(12), 11.4) + raised(middle, 0), point(0.3, 0.3, 0.8)
-    return [rim, posts(middle, 2.9, ROOTED_MM, 11.0, 40), posts(turrets, 1.5, ROOTED_MM, 9.0, 20),
-            cones(tops, tops + 3.6 * UP, 1.9, 20), boxes(merlons - half, merlons + half),
-            bars(turrets, np.roll(turrets, -1, axis=0), 0.7, ROOTED_MM, 6.4)]
+    return [
+        rim,
+        posts(middle, 2.9, ROOTED_MM, 11.0, 40),
+        posts(turrets, 1.5, ROOTED_MM, 9.0, 20),
+        cones(tops, tops + 3.6 * UP, 1.9, 20),
+        boxes(merlons - half, merlons + half),
+        bars(turrets, np.roll(turrets, -1, axis=0), 0.6, ROOTED_MM, 6.4),
+    ]
 
 
 def _tree() -> list[Mesh]:
@@ -255,8 +308,10 @@ def _tree() -> list[Mesh]:
     for level in range(6):
         ends = starts + steps
         taper = radius * np.array([1, 0.72])
-        parts += [tube(np.stack([starts, ends], axis=1), taper, max(6, 18 - 3 * level)),
-                  balls(ends, taper[1:], max(6, 16 - 2 * level))]
+        parts += [
+            tube(np.stack([starts, ends], axis=1), taper, max(6, 18 - 3 * level)),
+            balls(ends, taper[1:], max(6, 16 - 2 * level)),
+        ]
         length = np.linalg.norm(steps, axis=1, keepdims=True) * 0.74
         forward = steps / np.linalg.norm(steps, axis=1, keepdims=True)
         side = np.cross(forward, [0.6, 0.8, 0.1])

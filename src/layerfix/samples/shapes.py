@@ -26,11 +26,24 @@ UP = np.array([0.0, 0.0, 1.0])
 
 # Strokes of the raised letters: polylines of "xy" digit pairs on a grid 4 wide and 6 high.
 GLYPHS = {
-    "A": "000516364540 0343", "E": "46060040 0333", "F": "000646 0333", "I": "2026 1636 1030",
-    "L": "060040", "R": "00063645443303 2340", "X": "0046 0640", "Y": "062346 2320",
-    "1": "152620", "2": "05163645440040", "3": "0516364544334241301001 1333", "4": "30360242",
-    "5": "4606033342413000", "6": "36160501103041423303", "7": "064610",
-    "8": "133344453616050413 1302011030414233", "9": "10304145361605041343", ".": "4041",
+    "A": "000516364540 0343",
+    "E": "46060040 0333",
+    "F": "000646 0333",
+    "I": "2026 1636 1030",
+    "L": "060040",
+    "R": "00063645443303 2340",
+    "X": "0046 0640",
+    "Y": "062346 2320",
+    "1": "152620",
+    "2": "05163645440040",
+    "3": "0516364544334241301001 1333",
+    "4": "30360242",
+    "5": "4606033342413000",
+    "6": "36160501103041423303",
+    "7": "064610",
+    "8": "133344453616050413 1302011030414233",
+    "9": "10304145361605041343",
+    ".": "4041",
 }
 GLYPH_ADVANCE, GLYPH_HEIGHT = 5.8, 6.0
 
@@ -86,8 +99,9 @@ def spline(points: ArrayLike, steps: int) -> Floats:
     return curve
 
 
-def loft(rings: ArrayLike, low: ArrayLike | None = None, high: ArrayLike | None = None, *,
-         closed: bool = False) -> Mesh:
+def loft(
+    rings: ArrayLike, low: ArrayLike | None = None, high: ArrayLike | None = None, *, closed: bool = False
+) -> Mesh:
     """(..., k, n, 3) rings, each counter-clockwise seen from the next, joined in order to one body a batch.
 
     The ends are fans round the points `low` and `high` (..., 3), by default the middle of the first and the
@@ -99,8 +113,10 @@ def loft(rings: ArrayLike, low: ArrayLike | None = None, high: ArrayLike | None 
     vertices = array.reshape(len(array), k * n, 3)
     faces = _quads(k, n, closed=closed)
     if not closed:
-        apexes = [array[:, 0].mean(axis=1) if low is None else np.reshape(low, (-1, 3)),
-                  array[:, -1].mean(axis=1) if high is None else np.reshape(high, (-1, 3))]
+        apexes = [
+            array[:, 0].mean(axis=1) if low is None else np.reshape(low, (-1, 3)),
+            array[:, -1].mean(axis=1) if high is None else np.reshape(high, (-1, 3)),
+        ]
         vertices = np.concatenate([vertices, np.stack(apexes, axis=1)], axis=1)
         i, after = np.arange(n), (np.arange(n) + 1) % n
         last = (k - 1) * n
@@ -120,8 +136,9 @@ def _quads(k: int, n: int, *, closed: bool) -> Indices:
     return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
 
 
-def tube(path: ArrayLike, radius_mm: ArrayLike, sides: int = 12, *, pointed: bool = False,
-         squash: float = 1.0) -> Mesh:
+def tube(
+    path: ArrayLike, radius_mm: ArrayLike, sides: int = 12, *, pointed: bool = False, squash: float = 1.0
+) -> Mesh:
     """(..., k, 3) paths and radii that broadcast to (..., k) → round rods with flat ends.
 
     `pointed` makes the last point of the path a tip (its radius is not used). `squash` scales the section
@@ -242,8 +259,7 @@ def sheet(surface: ArrayLike, thickness_mm: ArrayLike) -> Mesh:
     return Mesh(rings.reshape(-1, 3), faces.astype(np.int32))
 
 
-def letters(text: str, corner: ArrayLike, height_mm: float, stroke_mm: float, low_mm: float,
-            high_mm: float) -> Mesh:
+def letters(text: str, corner: ArrayLike, height_mm: float, stroke_mm: float, low_mm: float, high_mm: float) -> Mesh:
     """Raised text, one bar a stroke; `corner` (2,) is where the first letter's lower left stroke starts."""
     lines = []
     for place, glyph in enumerate(text):
