@@ -32,6 +32,7 @@ from layerfix.units import format_mm
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from layerfix.bits import Rows
     from layerfix.stack import Layer, LayerStack
 
 MODES = ("as_printed", "add_only")
@@ -133,14 +134,19 @@ def correct(
     return stack.map(corrected)
 
 
+def correct_rows(rows: Rows, width: int, radius: tuple[float, float], mode: str) -> Rows:
+    """One layer corrected as packed rows: (H, words) → (H, words); radius is (rx, ry) in px."""
+    _check_mode(mode)
+    half_widths = disc_half_widths(*radius)
+    corrected: Rows = _correct(rows, width, half_widths, max(radius), mode == "add_only", 1.0, 1.0)[0]
+    return corrected
+
+
 def correct_image(
     image: ArrayLike, radius_px: Radius, mode: str = "as_printed", *, spurs: str = "paper"
 ) -> NDArray[np.bool_]:
     """One layer corrected: (H, W) bool → (H, W) bool. Arguments as in `meso_skeleton` and `correct`."""
-    _check_mode(mode)
     check_spurs(spurs)
-    rx, ry = radii_px(radius_px)
     rows = pack(image)
     width = np.shape(image)[1]
-    corrected, *_ = _correct(rows, width, disc_half_widths(rx, ry), max(rx, ry), mode == "add_only", 1.0, 1.0)
-    return unpack(corrected, width)
+    return unpack(correct_rows(rows, width, radii_px(radius_px), mode), width)

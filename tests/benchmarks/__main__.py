@@ -1,0 +1,22 @@
+"""``python -m tests.benchmarks [NAME …]``."""
+
+import argparse
+
+from tests.benchmarks import growth, kernel, resin_12k, startup, table1
+from tests.benchmarks.measuring import machine
+
+BENCHMARKS = {
+    "kernel": kernel.run,
+    "table1": table1.run,
+    "resin": resin_12k.run,
+    "growth": growth.run,
+    "startup": startup.run,
+}
+
+parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
+parser.add_argument("names", nargs="*", choices=[[], *BENCHMARKS], default=[], metavar="NAME", help=", ".join(BENCHMARKS))
+chosen = parser.parse_args().names or list(BENCHMARKS)
+print(machine())
+for name in chosen:
+    print(f"\n## {name}\n")
+    BENCHMARKS[name]()
