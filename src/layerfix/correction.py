@@ -14,16 +14,9 @@ import numpy as np
 from numba import njit, types
 
 from layerfix.bits import ROWS, WORK, pack, popcount, unpack
+from layerfix.columns import to_columns, to_rows
 from layerfix.errors import InputError
-from layerfix.morphology import (
-    HALF_WIDTHS,
-    bounding_box,
-    dilate_into,
-    disc_half_widths,
-    erode_padded,
-    padded_crop,
-    paste,
-)
+from layerfix.morphology import HALF_WIDTHS, dilate_columns, disc_half_widths, erode_columns, working_box
 from layerfix.skeleton import Radius, check_spurs, radii_px, thin_anchored
 from layerfix.stack import Change
 from layerfix.thickness import narrowest
@@ -63,20 +56,23 @@ def _count_changes(before, after):  # type: ignore[no-untyped-def]
 def _correct(rows, width, half_widths, spur_rounds, add_only, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """(corrected rows, pixels before, added and removed, narrowest width in mm or inf)."""
     out = np.zeros(rows.shape, np.uint64)
-    box = bounding_box(rows)
-    if box[1] == 0:
+    outer = working_box(rows, half_widths)
+    if outer[1] == 0:
         return out, (0, 0, 0), np.inf
-    padded = padded_crop(rows, box)
-    anchor, skeleton, scratch = np.empty_like(padded), padded.copy(), np.empty_like(padded)
-    erode_padded(padded, half_widths, anchor, scratch)
+    solid = to_columns(rows, outer)
+    skeleton, anchor, scratch = solid.copy(), np.empty_like(solid), np.empty_like(solid)
+    erode_columns(solid, half_widths, anchor, scratch)
     thin_anchored(skeleton, anchor, spur_rounds, scratch)
-    dilate_into(skeleton, box, half_widths, width, out, scratch)
-    if add_only:
-        paste(padded, box, out)
-    counts = _count_changes(rows, out)
     limit_mm = 2 * max(half_widths[0] + 1, half_widths.shape[0]) * max(px_mm, py_mm)
-    thinnest = narrowest(padded, skeleton, anchor, limit_mm, px_mm, py_mm)
-    return out, counts, thinnest if thinnest < limit_mm else np.inf
+    thinnest = narrowest(solid, skeleton, anchor, limit_mm, px_mm, py_mm)
+    printed = anchor  # done with as the anchor
+    dilate_columns(skeleton, half_widths, printed, scratch)
+    if add_only:
+        for w in range(solid.shape[0]):
+            for i in range(solid.shape[1]):
+                printed[w, i] |= solid[w, i]
+    to_rows(printed, outer, width, out)
+    return out, _count_changes(rows, out), thinnest if thinnest < limit_mm else np.inf
 
 
 def feature_radius_px(min_feature_mm: float, pixel_mm: tuple[float, float]) -> tuple[float, float]:

@@ -12,15 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit, types
 
-from layerfix.bits import U0, WORK, pack, unpack
+from layerfix.bits import WORK, pack, unpack
+from layerfix.columns import BLOCK, to_columns, to_rows
 from layerfix.errors import InputError
-from layerfix.morphology import (
-    bounding_box,
-    disc_half_widths,
-    erode_padded,
-    padded_crop,
-    paste,
-)
+from layerfix.morphology import disc_half_widths, erode_columns, working_box
 from layerfix.thinning import FIRST, SECOND, SPURS, remove_spurs, start_changes, sub_iteration
 
 if TYPE_CHECKING:
@@ -33,22 +28,23 @@ Radius = float | tuple[float, float]
 
 
 @njit(types.void(WORK, WORK, types.float64, WORK), cache=True, nogil=True)
-def thin_anchored(padded, anchor, spur_rounds, scratch):  # type: ignore[no-untyped-def]
-    """Algorithm 2's loop in place: thin `padded` around `anchor`, with spurs removed while j < spur_rounds."""
-    height, words = padded.shape
-    changed = np.empty((3, height), np.uint64)
-    active = np.zeros(height, np.uint64)
-    deleted = np.zeros((2, words), np.uint64)
-    start_changes(padded, changed)
+def thin_anchored(columns, anchor, spur_rounds, scratch):  # type: ignore[no-untyped-def]
+    """Algorithm 2's loop in place: thin `columns` around `anchor`, removing spurs while j < spur_rounds."""
+    words, height = columns.shape
+    blocks = (height - 2) // BLOCK
+    changed = np.empty((3, words, blocks), np.uint8)
+    active = np.zeros((words, blocks), np.uint8)
+    gone = np.zeros((2, height), np.uint64)
+    start_changes(columns, changed)
     j = 0
     again = True
     while again:
-        again = sub_iteration(padded, anchor, FIRST, changed, active, deleted)
-        again = sub_iteration(padded, anchor, SECOND, changed, active, deleted) or again
+        again = sub_iteration(columns, anchor, FIRST, changed, active, gone)
+        again = sub_iteration(columns, anchor, SECOND, changed, active, gone) or again
         if j < spur_rounds:
-            again = remove_spurs(padded, anchor, changed, active, deleted, scratch) or again
-        else:
-            changed[SPURS] = U0
+            again = remove_spurs(columns, anchor, changed, active, gone, scratch) or again
+        elif j < spur_rounds + 1:
+            changed[SPURS] = np.uint8(0)
         j += 1
 
 
@@ -66,16 +62,16 @@ def check_spurs(spurs: str) -> None:
         raise InputError(f"spurs='{spurs}' is not known; choose from {', '.join(SPUR_RULES)}")
 
 
-def meso_skeleton_rows(rows: Rows, radius: tuple[float, float]) -> Rows:
+def meso_skeleton_rows(rows: Rows, width: int, radius: tuple[float, float]) -> Rows:
     """`meso_skeleton` on packed rows: (H, words) → (H, words)."""
-    out = np.zeros_like(rows)
-    box = bounding_box(rows)
-    if box[1]:
-        padded = padded_crop(rows, box)
-        anchor, scratch = np.empty_like(padded), np.empty_like(padded)
-        erode_padded(padded, disc_half_widths(*radius), anchor, scratch)
-        thin_anchored(padded, anchor, max(radius), scratch)
-        paste(padded, box, out)
+    out, disc = np.zeros_like(rows), disc_half_widths(*radius)
+    outer = working_box(rows, disc)
+    if outer[1]:
+        columns = to_columns(rows, outer)
+        anchor, scratch = np.empty_like(columns), np.empty_like(columns)
+        erode_columns(columns, disc, anchor, scratch)
+        thin_anchored(columns, anchor, max(radius), scratch)
+        to_rows(columns, outer, width, out)
     return out
 
 
@@ -89,5 +85,5 @@ def meso_skeleton(image: ArrayLike, radius_px: Radius, *, spurs: str = "paper") 
     raises     InputError for a radius that is not above 0, an unknown rule, an array that is no image
     """
     check_spurs(spurs)
-    rows = pack(image)
-    return unpack(meso_skeleton_rows(rows, radii_px(radius_px)), np.shape(image)[1])
+    rows, width = pack(image), np.shape(image)[1]
+    return unpack(meso_skeleton_rows(rows, width, radii_px(radius_px)), width)

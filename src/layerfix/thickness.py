@@ -9,25 +9,25 @@ from layerfix.bits import U0, U1, WORK, lowest_bit, popcount
 
 
 @njit(inline="always")
-def _solid(padded, y, x):  # type: ignore[no-untyped-def]
-    """Pixel (y, x) of a padded array, x counted from its first bit; anything outside is void."""
-    if y < 0 or x < 0 or y >= padded.shape[0] or x >= padded.shape[1] * 64:
+def _solid(columns, y, x):  # type: ignore[no-untyped-def]
+    """Pixel (y, x) of `layerfix.columns`, x counted from the first bit; anything outside is void."""
+    if y < 0 or x < 0 or y >= columns.shape[1] or x >= columns.shape[0] * 64:
         return False
-    return (padded[y, x >> 6] >> np.uint64(x & 63)) & U1 != U0
+    return (columns[x >> 6, y] >> np.uint64(x & 63)) & U1 != U0
 
 
 @njit(inline="always")
-def _void_left(line, x, limit):  # type: ignore[no-untyped-def]
+def _void_left(columns, y, x, limit):  # type: ignore[no-untyped-def]
     """Steps from x to the nearest void pixel at or left of it, at most `limit`."""
     w, shift = x >> 6, 63 - (x & 63)
-    void = (~line[w]) << np.uint64(shift)
+    void = (~columns[w, y]) << np.uint64(shift)
     steps = 0
     while void == U0:
         steps += 64 - shift
         w -= 1
         if w < 0 or steps > limit:
             return min(steps, limit)
-        void = ~line[w]
+        void = ~columns[w, y]
         shift = 0
     # The highest set bit: isolate it by smearing downwards.
     for s in (1, 2, 4, 8, 16, 32):
@@ -36,23 +36,23 @@ def _void_left(line, x, limit):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _void_right(line, x, limit):  # type: ignore[no-untyped-def]
+def _void_right(columns, y, x, limit):  # type: ignore[no-untyped-def]
     """Steps from x to the nearest void pixel at or right of it, at most `limit`."""
     w, shift = x >> 6, x & 63
-    void = (~line[w]) >> np.uint64(shift)
+    void = (~columns[w, y]) >> np.uint64(shift)
     steps = 0
     while void == U0:
         steps += 64 - shift
         w += 1
-        if w >= line.shape[0] or steps > limit:
+        if w >= columns.shape[0] or steps > limit:
             return min(steps, limit)
-        void = ~line[w]
+        void = ~columns[w, y]
         shift = 0
     return min(steps + lowest_bit(void), limit)
 
 
 @njit(inline="always")
-def _width_mm(padded, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]
+def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """Width of the solid across pixel (y, x), or `best` if it is not below it."""
     near = (best + max(px_mm, py_mm)) / 2  # the width is at least 2·near − 1 px
     dx_mm, dy_mm = 0.0, 0.0
@@ -65,9 +65,9 @@ def _width_mm(padded, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]
             line_y = y + sign * dy
             limit = int(near / px_mm) + 1
             left, right = 0, 0
-            if 0 <= line_y < padded.shape[0]:
-                left = _void_left(padded[line_y], x, limit)
-                right = _void_right(padded[line_y], x, limit)
+            if 0 <= line_y < columns.shape[1]:
+                left = _void_left(columns, line_y, x, limit)
+                right = _void_right(columns, line_y, x, limit)
             step = -left if left <= right else right
             distance = np.hypot(step * px_mm, dy * py_mm)
             if distance < near:
@@ -78,7 +78,7 @@ def _width_mm(padded, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]
     ux, uy = -dx_mm / near, -dy_mm / near
     stride = 0.5 * min(px_mm, py_mm)
     across = 0.0
-    while across < best and _solid(padded, y + round(uy * across / py_mm), x + round(ux * across / px_mm)):
+    while across < best and _solid(columns, y + round(uy * across / py_mm), x + round(ux * across / px_mm)):
         across += stride
     if across >= best:
         return best
@@ -88,18 +88,18 @@ def _width_mm(padded, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]
 
 
 @njit(types.float64(WORK, WORK, WORK, types.float64, types.float64, types.float64), cache=True, nogil=True)
-def narrowest(padded, skeleton, anchor, limit_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+def narrowest(columns, skeleton, anchor, limit_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """Width in mm of S at the narrowest pixel of the skeletal paths M̂ \\ M; `limit_mm` if none is below.
 
     The width at a pixel is the distance to the nearest void pixel plus that to the void straight across,
     less one pixel. A pixel whose nearest void is too far to beat the best so far costs a few words.
     """
     best = limit_mm
-    for y in range(1, padded.shape[0] - 1):
-        for w in range(1, padded.shape[1] - 1):
-            path = skeleton[y, w] & ~anchor[y, w]
+    for w in range(1, columns.shape[0] - 1):
+        for y in range(1, columns.shape[1] - 1):
+            path = skeleton[w, y] & ~anchor[w, y]
             while path != U0:
                 x = w * 64 + lowest_bit(path)
                 path &= path - U1
-                best = min(best, _width_mm(padded, y, x, best, px_mm, py_mm))
+                best = min(best, _width_mm(columns, y, x, best, px_mm, py_mm))
     return best

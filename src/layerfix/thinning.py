@@ -1,4 +1,4 @@
-"""Guo–Hall thinning and spur removal of packed rows, one sub-iteration at a time.
+"""Guo–Hall thinning and spur removal of packed pixels, one sub-iteration at a time.
 
 Source: Guo and Hall 1989, as equation 3 of Ulu et al. states it: neighbours x1 = east, then
 counter-clockwise (x3 = north, the row above). A pixel goes when
@@ -7,10 +7,10 @@ counter-clockwise (x3 = north, the row above). A pixel goes when
   (c.1) (x2 ∨ x3 ∨ ¬x8) ∧ x1 = 0 in the first sub-iteration, (c.2) (x6 ∨ x7 ∨ ¬x4) ∧ x5 = 0 in the second.
 Anchored pixels are never deleted. Thinning, spurs and anchoring know nothing of each other but this.
 
-Each phase works in place on a padded array (`layerfix.morphology`): row y's deletions are computed from
-unchanged rows and applied once row y + 1 has been, so no second image is written. A phase revisits only
-words near a change: `changed[phase][y]` holds one bit per group of words that changed when the phase last
-ran, and a word can only behave differently if one of the nine groups around it did in some phase since.
+Each phase works in place on `layerfix.columns`: the deletions of a column are computed from unchanged columns
+and applied once the next column's have been, so no second image is written. A phase looks only at blocks of
+rows near a change: ``changed[phase, w, b]`` says whether block b of column w changed when the phase last ran,
+and a block can only behave differently if one of the nine around it did, in some phase, since.
 """
 
 from __future__ import annotations
@@ -18,115 +18,81 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
-from layerfix.bits import ALL, ROW_BITS, U0, U1, U63, WORK, lowest_bit
+from layerfix.bits import U0, U1, U63, WORK
+from layerfix.columns import BLOCK
 
 FIRST, SECOND, SPURS = 0, 1, 2
-# Runs of words closer than this are done as one: a vector pass over a few quiet words is cheaper than a new run.
-MAX_GAP = 8
-CHANGES = types.Array(types.uint64, 2, "C")
+# Runs of blocks closer than this are one: a vector pass over a quiet block costs less than a new run.
+MAX_GAP = 2
+CHANGES = types.Array(types.uint8, 3, "C")
+FLAGS = types.Array(types.uint8, 2, "C")
+Q0, Q1 = np.uint8(0), np.uint8(1)
 
 
 @njit(inline="always")
-def _without(bits, stop):  # type: ignore[no-untyped-def]
-    """`bits` with everything below bit `stop` cleared."""
-    return U0 if stop >= 64 else bits & (ALL << np.uint64(stop))
-
-
-@njit(inline="always")
-def _group_size(padded):  # type: ignore[no-untyped-def]
-    """Words per change bit: 1 up to 4096 px, so that 64 bits always span the row."""
-    return (padded.shape[1] - 2 + 63) // 64
-
-
-@njit(types.void(CHANGES, ROW_BITS), cache=True, nogil=True)
-def active_groups(changed, active):  # type: ignore[no-untyped-def]
-    """active[y]: groups of row y with a change, in any phase, in the nine groups around them."""
-    height = active.shape[0] - 2
-    above = U0
-    here = changed[0, 1] | changed[1, 1] | changed[2, 1]
-    for y in range(1, height + 1):
-        below = changed[0, y + 1] | changed[1, y + 1] | changed[2, y + 1]
-        bits = above | here | below
-        active[y] = bits | (bits << U1) | (bits >> U1)
-        above, here = here, below
-
-
-@njit(inline="always")
-def _groups_with_bits(line, group, size):  # type: ignore[no-untyped-def]
-    """One bit per group of words with any bit set, for words that start with those of group `group`."""
-    found = U0
-    if size == 1:
-        for i in range(line.shape[0]):
-            found |= np.uint64(line[i] != U0) << np.uint64(group + i)
-    else:
-        for i in range(line.shape[0]):
-            found |= np.uint64(line[i] != U0) << np.uint64(group + i // size)
-    return found
-
-
-@njit(inline="always")
-def _words(groups, size, words):  # type: ignore[no-untyped-def]
-    """The lowest run of set bits, small gaps bridged: (group, past the last, word, past the last word)."""
-    first = lowest_bit(groups)
-    rest = ~(groups >> np.uint64(first))
-    stop = 64 if rest == U0 else min(first + lowest_bit(rest), 64)
-    groups = _without(groups, stop)
-    while groups != U0:
-        start = lowest_bit(groups)
-        if (start - stop) * size > MAX_GAP:
-            break
-        rest = ~(groups >> np.uint64(start))
-        stop = 64 if rest == U0 else min(start + lowest_bit(rest), 64)
-        groups = _without(groups, stop)
-    return first, stop, 1 + first * size, min(1 + stop * size, 1 + words)
-
-
-@njit(inline="always")
-def _apply(line, deleted, groups, size, words):  # type: ignore[no-untyped-def]
-    """line &= ~deleted in the given groups of words."""
-    while groups != U0:
-        _, stop, first, last = _words(groups, size, words)
-        groups = _without(groups, stop)
-        here, gone = line[first:last], deleted[first:last]
-        for i in range(here.shape[0]):
-            here[i] &= ~gone[i]
+def _flag_blocks(words, flags):  # type: ignore[no-untyped-def]
+    """flags[b] = 1 if block b of `words` has any bit; True if one has."""
+    any_bits = U0
+    for b in range(flags.shape[0]):
+        block = words[b * BLOCK : b * BLOCK + BLOCK]
+        seen = U0
+        for i in range(BLOCK):
+            seen |= block[i]
+        flags[b] = Q1 if seen != U0 else Q0
+        any_bits |= seen
+    return any_bits != U0
 
 
 @njit(types.void(WORK, CHANGES), cache=True, nogil=True)
-def start_changes(padded, changed):  # type: ignore[no-untyped-def]
-    """Mark every group with a solid pixel as changed in every phase: each must look at it once."""
-    size = _group_size(padded)
-    changed[:] = U0
-    for y in range(1, padded.shape[0] - 1):
-        changed[:, y] = _groups_with_bits(padded[y, 1 : padded.shape[1] - 1], 0, size)
+def start_changes(columns, changed):  # type: ignore[no-untyped-def]
+    """Mark every block with a solid pixel as changed in every phase: each must look at it once."""
+    changed[:] = Q0
+    for w in range(1, columns.shape[0] - 1):
+        if _flag_blocks(columns[w, 1 : columns.shape[1] - 1], changed[0, w]):
+            changed[1, w] = changed[0, w]
+            changed[2, w] = changed[0, w]
+
+
+@njit(types.void(CHANGES, FLAGS), cache=True, nogil=True)
+def find_active(changed, active):  # type: ignore[no-untyped-def]
+    """active[w, b]: whether any of the nine blocks around block b of column w changed in any phase."""
+    words, blocks = active.shape
+    near = np.zeros(blocks + 2, np.uint8)
+    for w in range(1, words - 1):
+        for b in range(blocks):
+            seen = Q0
+            for phase in range(3):
+                seen |= changed[phase, w - 1, b] | changed[phase, w, b] | changed[phase, w + 1, b]
+            near[b + 1] = seen
+        line = active[w]
+        for b in range(blocks):
+            line[b] = near[b] | near[b + 1] | near[b + 2]
 
 
 @njit(inline="always")
-def _first_line(north, here, south, anchor, deleted):  # type: ignore[no-untyped-def]
-    for i in range(deleted.shape[0]):
-        w = i + 1
-        x3, c, x7 = north[w], here[w], south[w]
-        x4 = (x3 << U1) | (north[i] >> U63)
-        x2 = (x3 >> U1) | (north[i + 2] << U63)
-        x5 = (c << U1) | (here[i] >> U63)
-        x1 = (c >> U1) | (here[i + 2] << U63)
-        x6 = (x7 << U1) | (south[i] >> U63)
-        x8 = (x7 >> U1) | (south[i + 2] << U63)
-        deleted[i] = c & ~anchor[i] & ~((x2 | x3 | ~x8) & x1) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
+def _next_run(flags, start):  # type: ignore[no-untyped-def]
+    """(first, past the last) block of the next run of set flags from `start`; first = len(flags) if none."""
+    blocks = flags.shape[0]
+    while start < blocks and flags[start] == Q0:
+        start += 1
+    stop, quiet = start, 0
+    while stop + quiet < blocks and quiet <= MAX_GAP:
+        if flags[stop + quiet] != Q0:
+            stop += quiet + 1
+            quiet = 0
+        else:
+            quiet += 1
+    return start, stop
 
 
 @njit(inline="always")
-def _second_line(north, here, south, anchor, deleted):  # type: ignore[no-untyped-def]
-    for i in range(deleted.shape[0]):
-        w = i + 1
-        x3, c, x7 = north[w], here[w], south[w]
-        x4 = (x3 << U1) | (north[i] >> U63)
-        x2 = (x3 >> U1) | (north[i + 2] << U63)
-        x5 = (c << U1) | (here[i] >> U63)
-        x1 = (c >> U1) | (here[i + 2] << U63)
-        x6 = (x7 << U1) | (south[i] >> U63)
-        x8 = (x7 >> U1) | (south[i + 2] << U63)
-        deleted[i] = c & ~anchor[i] & ~((x6 | x7 | ~x4) & x5) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
+def _apply(column, gone, flags):  # type: ignore[no-untyped-def]
+    """column &= ~gone in the flagged blocks; `column` and `gone` without their outer rows."""
+    for b in range(flags.shape[0]):
+        if flags[b] != Q0:
+            here, dead = column[b * BLOCK : b * BLOCK + BLOCK], gone[b * BLOCK : b * BLOCK + BLOCK]
+            for i in range(BLOCK):
+                here[i] &= ~dead[i]
 
 
 @njit(inline="always")
@@ -142,132 +108,134 @@ def _deletable(x1, x2, x3, x4, x5, x6, x7, x8):  # type: ignore[no-untyped-def]
     return crossing_is_1 & n1_at_least_2 & n2_at_least_2 & ~both_are_4
 
 
-@njit(types.boolean(WORK, WORK, types.int64, CHANGES, ROW_BITS, WORK), cache=True, nogil=True)
-def sub_iteration(padded, anchor, phase, changed, active, deleted):  # type: ignore[no-untyped-def]
+# The loops below run down three columns; x1 … x8 are the neighbours of the 64 pixels of word i + 1.
+@njit(inline="always")
+def _first_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def]
+    for i in range(gone.shape[0]):
+        x3, c, x7 = here[i], here[i + 1], here[i + 2]
+        x4, x5, x6 = (x3 << U1) | (west[i] >> U63), (c << U1) | (west[i + 1] >> U63), (x7 << U1) | (west[i + 2] >> U63)
+        x2, x1, x8 = (x3 >> U1) | (east[i] << U63), (c >> U1) | (east[i + 1] << U63), (x7 >> U1) | (east[i + 2] << U63)
+        gone[i] = c & ~anchor[i] & ~((x2 | x3 | ~x8) & x1) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
+
+
+@njit(inline="always")
+def _second_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def]
+    for i in range(gone.shape[0]):
+        x3, c, x7 = here[i], here[i + 1], here[i + 2]
+        x4, x5, x6 = (x3 << U1) | (west[i] >> U63), (c << U1) | (west[i + 1] >> U63), (x7 << U1) | (west[i + 2] >> U63)
+        x2, x1, x8 = (x3 >> U1) | (east[i] << U63), (c >> U1) | (east[i + 1] << U63), (x7 >> U1) | (east[i + 2] << U63)
+        gone[i] = c & ~anchor[i] & ~((x6 | x7 | ~x4) & x5) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
+
+
+@njit(types.boolean(WORK, WORK, types.int64, CHANGES, FLAGS, WORK), cache=True, nogil=True)
+def sub_iteration(columns, anchor, phase, changed, active, gone):  # type: ignore[no-untyped-def]
     """One Guo–Hall sub-iteration (phase FIRST or SECOND) in place; True if a pixel was deleted.
 
-    padded, anchor: (h + 2, words + 2); changed: (3, h + 2); active: (h + 2,) and deleted: (2, words + 2),
-    scratch.
+    columns, anchor: (words, height); changed: (3, words, blocks) uint8; active: (words, blocks) uint8 and
+    gone: (2, height), scratch.
     """
-    height, words = padded.shape[0] - 2, padded.shape[1] - 2
-    size = _group_size(padded)
-    active_groups(changed, active)
-    before, any_deleted = U0, U0
-    for y in range(1, height + 1):
-        groups, found = active[y], U0
-        while groups != U0:
-            group, stop, first, last = _words(groups, size, words)
-            groups = _without(groups, stop)
-            north = padded[y - 1, first - 1 : last + 1]
-            here = padded[y, first - 1 : last + 1]
-            south = padded[y + 1, first - 1 : last + 1]
-            gone = deleted[y & 1, first:last]
+    words, height = columns.shape
+    find_active(changed, active)
+    any_deleted = False
+    for w in range(1, words - 1):
+        found = changed[phase, w]
+        found[:] = Q0
+        start, stop = _next_run(active[w], 0)
+        while start < stop:
+            first, last = 1 + start * BLOCK, 1 + stop * BLOCK
+            west = columns[w - 1, first - 1 : last + 1]
+            here = columns[w, first - 1 : last + 1]
+            east = columns[w + 1, first - 1 : last + 1]
+            dead = gone[w & 1, first:last]
             if phase == FIRST:
-                _first_line(north, here, south, anchor[y, first:last], gone)
+                _first_pass(west, here, east, anchor[w, first:last], dead)
             else:
-                _second_line(north, here, south, anchor[y, first:last], gone)
-            found |= _groups_with_bits(gone, group, size)
-        _apply(padded[y - 1], deleted[1 - (y & 1)], before, size, words)
-        changed[phase, y] = found
-        before = found
-        any_deleted |= found
-    _apply(padded[height], deleted[height & 1], before, size, words)
-    return any_deleted != U0
+                _second_pass(west, here, east, anchor[w, first:last], dead)
+            any_deleted |= _flag_blocks(dead, found[start:stop])
+            start, stop = _next_run(active[w], stop)
+        _apply(columns[w - 1, 1 : height - 1], gone[(w - 1) & 1, 1 : height - 1], changed[phase, w - 1])
+    _apply(columns[words - 2, 1 : height - 1], gone[words & 1, 1 : height - 1], changed[phase, words - 2])
+    return any_deleted
 
 
 @njit(inline="always")
-def _end_line(north, here, south, anchor, ends, deleted):  # type: ignore[no-untyped-def]
-    """End points (exactly one 8-neighbour): `deleted` if it lies E, NE, N or NW, `ends` otherwise."""
-    for i in range(deleted.shape[0]):
-        w = i + 1
-        x3, c, x7 = north[w], here[w], south[w]
-        x4 = (x3 << U1) | (north[i] >> U63)
-        x2 = (x3 >> U1) | (north[i + 2] << U63)
-        x5 = (c << U1) | (here[i] >> U63)
-        x1 = (c >> U1) | (here[i + 2] << U63)
-        x6 = (x7 << U1) | (south[i] >> U63)
-        x8 = (x7 >> U1) | (south[i + 2] << U63)
-        upper = x1 | x2 | x3 | x4
-        one, two = x1, U0
-        two |= one & x2
-        one |= x2
-        two |= one & x3
-        one |= x3
-        two |= one & x4
-        one |= x4
-        two |= one & x5
-        one |= x5
-        two |= one & x6
-        one |= x6
-        two |= one & x7
-        one |= x7
-        two |= one & x8
-        one |= x8
-        end = c & ~anchor[i] & one & ~two
+def _end_points(west, here, east, anchor, ends, gone):  # type: ignore[no-untyped-def]
+    """End points (exactly one 8-neighbour): `gone` if it lies E, NE, N or NW, `ends` otherwise."""
+    for i in range(gone.shape[0]):
+        x3, c, x7 = here[i], here[i + 1], here[i + 2]
+        x4, x5, x6 = (x3 << U1) | (west[i] >> U63), (c << U1) | (west[i + 1] >> U63), (x7 << U1) | (west[i + 2] >> U63)
+        x2, x1, x8 = (x3 >> U1) | (east[i] << U63), (c >> U1) | (east[i + 1] << U63), (x7 >> U1) | (east[i + 2] << U63)
+        # Per row, and for the three sides: at least one, at least two.
+        up, up_two = x2 | x3 | x4, (x2 & x3) | ((x2 | x3) & x4)
+        down, down_two = x6 | x7 | x8, (x6 & x7) | ((x6 | x7) & x8)
+        beside, beside_two = x1 | x5, x1 & x5
+        two = up_two | down_two | beside_two | (up & down) | ((up | down) & beside)
+        end = c & ~anchor[i] & (up | down | beside) & ~two
+        upper = end & (up | x1)
+        gone[i] = upper
         ends[i] = end & ~upper
-        deleted[i] = end & upper
 
 
 @njit(inline="always")
-def _still_ends(north, here, south, ends, deleted):  # type: ignore[no-untyped-def]
+def _still_ends(west, here, east, ends, gone):  # type: ignore[no-untyped-def]
     """The end points left over that still have their one neighbour."""
-    for i in range(deleted.shape[0]):
-        w = i + 1
-        x3, c, x7 = north[w], here[w], south[w]
-        upper = x3 | (x3 << U1) | (north[i] >> U63) | (x3 >> U1) | (north[i + 2] << U63)
-        lower = x7 | (x7 << U1) | (south[i] >> U63) | (x7 >> U1) | (south[i + 2] << U63)
-        sides = (c << U1) | (here[i] >> U63) | (c >> U1) | (here[i + 2] << U63)
-        deleted[i] = ends[i] & c & (upper | lower | sides)
+    for i in range(gone.shape[0]):
+        column = here[i] | here[i + 1] | here[i + 2]
+        left = west[i] | west[i + 1] | west[i + 2]
+        right = east[i] | east[i + 1] | east[i + 2]
+        around = here[i] | here[i + 2] | (column << U1) | (left >> U63) | (column >> U1) | (right << U63)
+        gone[i] = ends[i] & here[i + 1] & around
 
 
-@njit(types.boolean(WORK, WORK, CHANGES, ROW_BITS, WORK, WORK), cache=True, nogil=True)
-def remove_spurs(padded, anchor, changed, active, deleted, ends):  # type: ignore[no-untyped-def]
+@njit(types.boolean(WORK, WORK, CHANGES, FLAGS, WORK, WORK), cache=True, nogil=True)
+def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[no-untyped-def]
     """The paper's spur removal, one pixel per call, in place; True if a pixel was deleted.
 
     Of the end points at the start, first those go whose only neighbour lies E, NE, N or NW, then those of
     the others that still are end points. (Deleting all at once erases two-pixel components: it changed the
-    topology of 263 of 300 random images.) Arguments as in `sub_iteration`; ends: (h + 2, words + 2), scratch.
+    topology of 263 of 300 random images.) Arguments as in `sub_iteration`; ends: (words, height), scratch.
     """
-    height, words = padded.shape[0] - 2, padded.shape[1] - 2
-    size = _group_size(padded)
-    active_groups(changed, active)
-    before, any_deleted, any_left = U0, U0, U0
-    for y in range(1, height + 1):
-        groups, found, left = active[y], U0, U0
-        while groups != U0:
-            group, stop, first, last = _words(groups, size, words)
-            groups = _without(groups, stop)
-            north = padded[y - 1, first - 1 : last + 1]
-            here = padded[y, first - 1 : last + 1]
-            south = padded[y + 1, first - 1 : last + 1]
-            gone = deleted[y & 1, first:last]
-            _end_line(north, here, south, anchor[y, first:last], ends[y, first:last], gone)
-            found |= _groups_with_bits(gone, group, size)
-            left |= _groups_with_bits(ends[y, first:last], group, size)
-        _apply(padded[y - 1], deleted[1 - (y & 1)], before, size, words)
-        changed[SPURS, y] = before = found
-        active[y] = left  # done with as input; from here on the groups the second half looks at
-        any_deleted |= found
-        any_left |= left
-    _apply(padded[height], deleted[height & 1], before, size, words)
-    if any_left == U0:
-        return any_deleted != U0
+    words, height = columns.shape
+    find_active(changed, active)
+    any_deleted, any_left = False, False
+    for w in range(1, words - 1):
+        found, left = changed[SPURS, w], active[w]
+        found[:] = Q0
+        start, stop = _next_run(left, 0)
+        while start < stop:
+            first, last = 1 + start * BLOCK, 1 + stop * BLOCK
+            west = columns[w - 1, first - 1 : last + 1]
+            here = columns[w, first - 1 : last + 1]
+            east = columns[w + 1, first - 1 : last + 1]
+            dead, rest = gone[w & 1, first:last], ends[w, first:last]
+            _end_points(west, here, east, anchor[w, first:last], rest, dead)
+            any_deleted |= _flag_blocks(dead, found[start:stop])
+            any_left |= _flag_blocks(rest, left[start:stop])  # from here on: blocks with ends left to try
+            start, stop = _next_run(left, stop)
+        _apply(columns[w - 1, 1 : height - 1], gone[(w - 1) & 1, 1 : height - 1], changed[SPURS, w - 1])
+    _apply(columns[words - 2, 1 : height - 1], gone[words & 1, 1 : height - 1], changed[SPURS, words - 2])
+    if not any_left:
+        return any_deleted
 
-    before = U0
-    for y in range(1, height + 1):
-        groups, found = active[y], U0
-        while groups != U0:
-            group, stop, first, last = _words(groups, size, words)
-            groups = _without(groups, stop)
-            north = padded[y - 1, first - 1 : last + 1]
-            here = padded[y, first - 1 : last + 1]
-            south = padded[y + 1, first - 1 : last + 1]
-            gone = deleted[y & 1, first:last]
-            _still_ends(north, here, south, ends[y, first:last], gone)
-            found |= _groups_with_bits(gone, group, size)
-        _apply(padded[y - 1], deleted[1 - (y & 1)], before, size, words)
-        changed[SPURS, y] |= found
-        before = found
-        any_deleted |= found
-    _apply(padded[height], deleted[height & 1], before, size, words)
-    return any_deleted != U0
+    found_before = np.zeros(active.shape[1], np.uint8)
+    found = np.zeros(active.shape[1], np.uint8)
+    for w in range(1, words - 1):
+        found[:] = Q0
+        start, stop = _next_run(active[w], 0)
+        while start < stop:
+            first, last = 1 + start * BLOCK, 1 + stop * BLOCK
+            west = columns[w - 1, first - 1 : last + 1]
+            here = columns[w, first - 1 : last + 1]
+            east = columns[w + 1, first - 1 : last + 1]
+            dead = gone[w & 1, first:last]
+            for b in range(start, stop):
+                if active[w, b] == Q0:  # a bridged block: its `ends` may be of another call
+                    ends[w, 1 + b * BLOCK : 1 + b * BLOCK + BLOCK] = U0
+            _still_ends(west, here, east, ends[w, first:last], dead)
+            any_deleted |= _flag_blocks(dead, found[start:stop])
+            start, stop = _next_run(active[w], stop)
+        _apply(columns[w - 1, 1 : height - 1], gone[(w - 1) & 1, 1 : height - 1], found_before)
+        changed[SPURS, w] |= found
+        found, found_before = found_before, found
+    _apply(columns[words - 2, 1 : height - 1], gone[words & 1, 1 : height - 1], found_before)
+    return any_deleted
