@@ -34,12 +34,11 @@ def _flag_blocks(words, flags):  # type: ignore[no-untyped-def]
     """flags[b] = 1 if block b of `words` has any bit; True if one has."""
     any_bits = U0
     for b in range(flags.shape[0]):
-        block = words[b * BLOCK : b * BLOCK + BLOCK]
-        seen = U0
-        for i in range(BLOCK):
-            seen |= block[i]
-        flags[b] = Q1 if seen != U0 else Q0
-        any_bits |= seen
+        k = b * BLOCK
+        upper = words[k] | words[k + 1] | words[k + 2] | words[k + 3]
+        lower = words[k + 4] | words[k + 5] | words[k + 6] | words[k + 7]
+        flags[b] = np.uint8((upper | lower) != U0)
+        any_bits |= upper | lower
     return any_bits != U0
 
 
@@ -87,12 +86,17 @@ def _next_run(flags, start):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def _apply(column, gone, flags):  # type: ignore[no-untyped-def]
-    """column &= ~gone in the flagged blocks; `column` and `gone` without their outer rows."""
-    for b in range(flags.shape[0]):
-        if flags[b] != Q0:
-            here, dead = column[b * BLOCK : b * BLOCK + BLOCK], gone[b * BLOCK : b * BLOCK + BLOCK]
-            for i in range(BLOCK):
-                here[i] &= ~dead[i]
+    """column &= ~gone in the flagged blocks.
+
+    Bridged blocks are harmless: the run that computed `gone` bridged the same gaps, so there it is 0, not old.
+    """
+    start, stop = _next_run(flags, 0)
+    while start < stop:
+        here = column[1 + start * BLOCK : 1 + stop * BLOCK]
+        dead = gone[1 + start * BLOCK : 1 + stop * BLOCK]
+        for i in range(here.shape[0]):
+            here[i] &= ~dead[i]
+        start, stop = _next_run(flags, stop)
 
 
 @njit(inline="always")
@@ -153,8 +157,8 @@ def sub_iteration(columns, anchor, phase, changed, active, gone):  # type: ignor
                 _second_pass(west, here, east, anchor[w, first:last], dead)
             any_deleted |= _flag_blocks(dead, found[start:stop])
             start, stop = _next_run(active[w], stop)
-        _apply(columns[w - 1, 1 : height - 1], gone[(w - 1) & 1, 1 : height - 1], changed[phase, w - 1])
-    _apply(columns[words - 2, 1 : height - 1], gone[words & 1, 1 : height - 1], changed[phase, words - 2])
+        _apply(columns[w - 1], gone[(w - 1) & 1], changed[phase, w - 1])
+    _apply(columns[words - 2], gone[words & 1], changed[phase, words - 2])
     return any_deleted
 
 
@@ -212,8 +216,8 @@ def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[
             any_deleted |= _flag_blocks(dead, found[start:stop])
             any_left |= _flag_blocks(rest, left[start:stop])  # from here on: blocks with ends left to try
             start, stop = _next_run(left, stop)
-        _apply(columns[w - 1, 1 : height - 1], gone[(w - 1) & 1, 1 : height - 1], changed[SPURS, w - 1])
-    _apply(columns[words - 2, 1 : height - 1], gone[words & 1, 1 : height - 1], changed[SPURS, words - 2])
+        _apply(columns[w - 1], gone[(w - 1) & 1], changed[SPURS, w - 1])
+    _apply(columns[words - 2], gone[words & 1], changed[SPURS, words - 2])
     if not any_left:
         return any_deleted
 
@@ -234,8 +238,8 @@ def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[
             _still_ends(west, here, east, ends[w, first:last], dead)
             any_deleted |= _flag_blocks(dead, found[start:stop])
             start, stop = _next_run(active[w], stop)
-        _apply(columns[w - 1, 1 : height - 1], gone[(w - 1) & 1, 1 : height - 1], found_before)
+        _apply(columns[w - 1], gone[(w - 1) & 1], found_before)
         changed[SPURS, w] |= found
         found, found_before = found_before, found
-    _apply(columns[words - 2, 1 : height - 1], gone[words & 1, 1 : height - 1], found_before)
+    _apply(columns[words - 2], gone[words & 1], found_before)
     return any_deleted
