@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
-from layerfix.bits import U0, U1, WORK, lowest_bit, popcount
+from layerfix.bits import ALL, U0, U1, WORK, lowest_bit
+
+SIGHT_PX = 31  # how far a look to either side sees: half a word
 
 
 @njit(inline="always")
@@ -17,58 +19,45 @@ def _solid(columns, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _void_left(columns, y, x, limit):  # type: ignore[no-untyped-def]
-    """Steps from x to the nearest void pixel at or left of it, at most `limit`."""
-    w, shift = x >> 6, 63 - (x & 63)
-    void = (~columns[w, y]) << np.uint64(shift)
-    steps = 0
-    while void == U0:
-        steps += 64 - shift
-        w -= 1
-        if w < 0 or steps > limit:
-            return min(steps, limit)
-        void = ~columns[w, y]
-        shift = 0
-    # The highest set bit: isolate it by smearing downwards.
-    for s in (1, 2, 4, 8, 16, 32):
-        void |= void >> np.uint64(s)
-    return min(steps + 64 - popcount(void), limit)
+def _void_around(columns, y, x):  # type: ignore[no-untyped-def]
+    """The void pixels x - 32 … x + 31 of row y as bits 0 … 63; all of them outside the array."""
+    if y < 0 or y >= columns.shape[1]:
+        return ALL
+    first = x - 32
+    w, shift = first >> 6, np.uint64(first & 63)
+    low = columns[w, y] if 0 <= w < columns.shape[0] else U0
+    if shift == U0:
+        return ~low
+    high = columns[w + 1, y] if 0 <= w + 1 < columns.shape[0] else U0
+    return ~((low >> shift) | (high << (np.uint64(64) - shift)))
 
 
 @njit(inline="always")
-def _void_right(columns, y, x, limit):  # type: ignore[no-untyped-def]
-    """Steps from x to the nearest void pixel at or right of it, at most `limit`."""
-    w, shift = x >> 6, x & 63
-    void = (~columns[w, y]) >> np.uint64(shift)
-    steps = 0
-    while void == U0:
-        steps += 64 - shift
-        w += 1
-        if w >= columns.shape[0] or steps > limit:
-            return min(steps, limit)
-        void = ~columns[w, y]
-        shift = 0
-    return min(steps + lowest_bit(void), limit)
+def _nearest_step(void, within):  # type: ignore[no-untyped-def]
+    """Signed steps from bit 32 to the nearest set bit at most `within` away; `within` + 1 if there is none."""
+    for step in range(within + 1):
+        if (void >> np.uint64(32 - step)) & U1:
+            return -step
+        if (void >> np.uint64(32 + step)) & U1:
+            return step
+    return within + 1
 
 
 @njit(inline="always")
 def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """Width of the solid across pixel (y, x), or `best` if it is not below it."""
-    near = (best + max(px_mm, py_mm)) / 2  # the width is at least 2·near − 1 px
+    near = (best + max(px_mm, py_mm)) / 2  # the width is at least 2 · near − 1 px
     dx_mm, dy_mm = 0.0, 0.0
     found = False
     dy = 0
     while dy * py_mm < near:
+        within = min(int(np.sqrt(near**2 - (dy * py_mm) ** 2) / px_mm), SIGHT_PX)
+        sight = (ALL >> np.uint64(63 - 2 * within)) << np.uint64(32 - within)
         for sign in (-1, 1):
-            if dy == 0 and sign == 1:
+            void = _void_around(columns, y + sign * dy, x) & sight
+            if void == U0:
                 continue
-            line_y = y + sign * dy
-            limit = int(near / px_mm) + 1
-            left, right = 0, 0
-            if 0 <= line_y < columns.shape[1]:
-                left = _void_left(columns, line_y, x, limit)
-                right = _void_right(columns, line_y, x, limit)
-            step = -left if left <= right else right
+            step = _nearest_step(void, within)
             distance = np.hypot(step * px_mm, dy * py_mm)
             if distance < near:
                 near, dx_mm, dy_mm, found = distance, step * px_mm, sign * dy * py_mm, True
@@ -77,7 +66,7 @@ def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def
         return best
     ux, uy = -dx_mm / near, -dy_mm / near
     stride = 0.5 * min(px_mm, py_mm)
-    across = 0.0
+    across = stride
     while across < best and _solid(columns, y + round(uy * across / py_mm), x + round(ux * across / px_mm)):
         across += stride
     if across >= best:
@@ -92,7 +81,8 @@ def narrowest(columns, skeleton, anchor, limit_mm, px_mm, py_mm):  # type: ignor
     """Width in mm of S at the narrowest pixel of the skeletal paths M̂ \\ M; `limit_mm` if none is below.
 
     The width at a pixel is the distance to the nearest void pixel plus that to the void straight across,
-    less one pixel. A pixel whose nearest void is too far to beat the best so far costs a few words.
+    less one pixel. A pixel whose nearest void is too far to beat the best so far costs a few words, and
+    nothing is narrower than a pixel. Features are measured up to SIGHT_PX to either side.
     """
     best = limit_mm
     for w in range(1, columns.shape[0] - 1):
@@ -102,4 +92,6 @@ def narrowest(columns, skeleton, anchor, limit_mm, px_mm, py_mm):  # type: ignor
                 x = w * 64 + lowest_bit(path)
                 path &= path - U1
                 best = min(best, _width_mm(columns, y, x, best, px_mm, py_mm))
+                if best <= min(px_mm, py_mm):
+                    return best
     return best
