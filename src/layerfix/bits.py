@@ -60,7 +60,7 @@ def unpack(rows: Rows, width: int) -> Image:
     return np.unpackbits(as_bytes, axis=1, bitorder="little", count=width).view(np.bool_)
 
 
-@njit(inline="always")
+@njit
 def popcount(x):  # type: ignore[no-untyped-def]
     """Set bits of one word (LLVM turns this into one instruction)."""
     x = x - ((x >> U1) & np.uint64(0x5555555555555555))
@@ -69,7 +69,7 @@ def popcount(x):  # type: ignore[no-untyped-def]
     return np.int64((x * np.uint64(0x0101010101010101)) >> np.uint64(56))
 
 
-@njit(inline="always")
+@njit
 def lowest_bit(x):  # type: ignore[no-untyped-def]
     """Index of the lowest set bit of a word that is not 0."""
     return popcount((x & (U0 - x)) - U1)

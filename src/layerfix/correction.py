@@ -48,12 +48,12 @@ def _count_changes(before, after):  # type: ignore[no-untyped-def]
 
 @njit(
     types.Tuple((WORK, types.UniTuple(types.int64, 3), types.float64))(
-        ROWS, types.int64, HALF_WIDTHS, types.float64, types.boolean, types.float64, types.float64
+        ROWS, types.int64, HALF_WIDTHS, types.float64, types.boolean, types.boolean, types.float64, types.float64
     ),
     cache=True,
     nogil=True,
 )
-def _correct(rows, width, half_widths, spur_rounds, add_only, px_mm, py_mm):  # type: ignore[no-untyped-def]
+def _correct(rows, width, half_widths, spur_rounds, add_only, measure, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """(corrected rows, pixels before, added and removed, narrowest width in mm or inf)."""
     out = np.zeros(rows.shape, np.uint64)
     outer = working_box(rows, half_widths)
@@ -64,7 +64,9 @@ def _correct(rows, width, half_widths, spur_rounds, add_only, px_mm, py_mm):  # 
     erode_columns(solid, half_widths, anchor, scratch)
     thin_anchored(skeleton, anchor, spur_rounds, scratch)
     limit_mm = 2 * max(half_widths[0] + 1, half_widths.shape[0]) * max(px_mm, py_mm)
-    thinnest = narrowest(solid, skeleton, anchor, limit_mm, px_mm, py_mm)
+    thinnest = limit_mm
+    if measure:
+        thinnest = narrowest(solid, skeleton, anchor, limit_mm, px_mm, py_mm)
     printed = anchor  # done with as the anchor
     dilate_columns(skeleton, half_widths, printed, scratch)
     if add_only:
@@ -122,7 +124,9 @@ def correct(
     add_only = mode == "add_only"
 
     def corrected(layer: Layer) -> Layer:
-        rows, counts, thinnest = _correct(layer.rows, layer.width, half_widths, max(rx, ry), add_only, px_mm, py_mm)
+        rows, counts, thinnest = _correct(
+            layer.rows, layer.width, half_widths, max(rx, ry), add_only, True, px_mm, py_mm
+        )
         solid, added, removed = counts
         change = Change(solid, added, removed, thinnest if np.isfinite(thinnest) else None)
         return replace(layer, rows=rows, change=change)
@@ -134,7 +138,7 @@ def correct_rows(rows: Rows, width: int, radius: tuple[float, float], mode: str)
     """One layer corrected as packed rows: (H, words) → (H, words); radius is (rx, ry) in px."""
     _check_mode(mode)
     half_widths = disc_half_widths(*radius)
-    corrected: Rows = _correct(rows, width, half_widths, max(radius), mode == "add_only", 1.0, 1.0)[0]
+    corrected: Rows = _correct(rows, width, half_widths, max(radius), mode == "add_only", False, 1.0, 1.0)[0]
     return corrected
 
 

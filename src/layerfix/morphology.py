@@ -43,7 +43,7 @@ def disc_half_widths(rx_px: float, ry_px: float) -> NDArray[np.int64]:
     return np.where(inside, guess, guess - 1)
 
 
-@njit(inline="always")
+@njit
 def _or_shifted(grown, columns, w, first, stop, k):  # type: ignore[no-untyped-def]
     """grown |= column w shifted by k pixels to either side, rows first … stop - 1."""
     words, n = columns.shape[0], stop - first
@@ -69,7 +69,7 @@ def _or_shifted(grown, columns, w, first, stop, k):  # type: ignore[no-untyped-d
                     grown[i] |= here[i] << rest
 
 
-@njit(inline="always")
+@njit
 def _or_both_shifted(grown, west, here, east, k):  # type: ignore[no-untyped-def]
     """The same for 0 < k < 64 in one pass: three columns, and no tests."""
     near, rest = np.uint64(k), np.uint64(64 - k)
@@ -77,7 +77,7 @@ def _or_both_shifted(grown, west, here, east, k):  # type: ignore[no-untyped-def
         grown[i] |= (here[i] << near) | (west[i] >> rest) | (here[i] >> near) | (east[i] << rest)
 
 
-@njit(inline="always")
+@njit
 def _block_has_bits(columns, first, last, y):  # type: ignore[no-untyped-def]
     """True if columns first … last have a bit in the block that begins at row y."""
     seen = U0
@@ -87,7 +87,14 @@ def _block_has_bits(columns, first, last, y):  # type: ignore[no-untyped-def]
     return seen != U0
 
 
-@njit(inline="always")
+@njit
+def _copy(target, words):  # type: ignore[no-untyped-def]
+    """target[:] = words. (As a loop: numba's slice assignment takes a second to compile, for its errors.)"""
+    for i in range(words.shape[0]):
+        target[i] = words[i]
+
+
+@njit
 def _or_into(target, words):  # type: ignore[no-untyped-def]
     """target |= words. (Slices start at 0: with an offset in the index, numba's test for negative indices
     keeps LLVM from vectorising the loop.)"""
@@ -123,7 +130,7 @@ def spread(source, target, half_widths):  # type: ignore[no-untyped-def]
                     quiet += BLOCK
             stop = min(stop, height)
             run = grown[: stop - start]
-            run[:] = source[w, start:stop]
+            _copy(run, source[w, start:stop])
             width = 0
             for dy in range(top, -1, -1):
                 while width < half_widths[dy]:
@@ -186,7 +193,8 @@ def erode_columns(columns, half_widths, out, scratch):  # type: ignore[no-untype
 def dilate_columns(columns, half_widths, out, scratch):  # type: ignore[no-untyped-def]
     """out = columns ⊕ F; the border must be wide enough to hold it (`with_border`)."""
     boundary(columns, False, scratch)
-    out[:] = columns
+    for w in range(columns.shape[0]):
+        _copy(out[w], columns[w])
     spread(scratch, out, half_widths)
 
 

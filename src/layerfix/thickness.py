@@ -10,7 +10,7 @@ from layerfix.bits import ALL, U0, U1, WORK, lowest_bit
 SIGHT_PX = 31  # how far a look to either side sees: half a word
 
 
-@njit(inline="always")
+@njit
 def _solid(columns, y, x):  # type: ignore[no-untyped-def]
     """Pixel (y, x) of `layerfix.columns`, x counted from the first bit; anything outside is void."""
     if y < 0 or x < 0 or y >= columns.shape[1] or x >= columns.shape[0] * 64:
@@ -18,7 +18,7 @@ def _solid(columns, y, x):  # type: ignore[no-untyped-def]
     return (columns[x >> 6, y] >> np.uint64(x & 63)) & U1 != U0
 
 
-@njit(inline="always")
+@njit
 def _void_around(columns, y, x):  # type: ignore[no-untyped-def]
     """The void pixels x - 32 … x + 31 of row y as bits 0 … 63; all of them outside the array."""
     if y < 0 or y >= columns.shape[1]:
@@ -32,7 +32,7 @@ def _void_around(columns, y, x):  # type: ignore[no-untyped-def]
     return ~((low >> shift) | (high << (np.uint64(64) - shift)))
 
 
-@njit(inline="always")
+@njit
 def _nearest_step(void, within):  # type: ignore[no-untyped-def]
     """Signed steps from bit 32 to the nearest set bit at most `within` away; `within` + 1 if there is none."""
     for step in range(within + 1):
@@ -43,7 +43,7 @@ def _nearest_step(void, within):  # type: ignore[no-untyped-def]
     return within + 1
 
 
-@njit(inline="always")
+@njit
 def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """Width of the solid across pixel (y, x), or `best` if it is not below it."""
     near = (best + max(px_mm, py_mm)) / 2  # the width is at least 2 · near − 1 px

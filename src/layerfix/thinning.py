@@ -29,7 +29,7 @@ FLAGS = types.Array(types.uint8, 2, "C")
 Q0, Q1 = np.uint8(0), np.uint8(1)
 
 
-@njit(inline="always")
+@njit
 def _flag_blocks(words, flags):  # type: ignore[no-untyped-def]
     """flags[b] = 1 if block b of `words` has any bit; True if one has."""
     any_bits = U0
@@ -47,9 +47,8 @@ def start_changes(columns, changed):  # type: ignore[no-untyped-def]
     """Mark every block with a solid pixel as changed in every phase: each must look at it once."""
     changed[:] = Q0
     for w in range(1, columns.shape[0] - 1):
-        if _flag_blocks(columns[w, 1 : columns.shape[1] - 1], changed[0, w]):
-            changed[1, w] = changed[0, w]
-            changed[2, w] = changed[0, w]
+        for phase in range(3):
+            _flag_blocks(columns[w, 1 : columns.shape[1] - 1], changed[phase, w])
 
 
 @njit(types.void(CHANGES, FLAGS), cache=True, nogil=True)
@@ -68,7 +67,7 @@ def find_active(changed, active):  # type: ignore[no-untyped-def]
             line[b] = near[b] | near[b + 1] | near[b + 2]
 
 
-@njit(inline="always")
+@njit
 def _next_run(flags, start):  # type: ignore[no-untyped-def]
     """(first, past the last) block of the next run of set flags from `start`; first = len(flags) if none."""
     blocks = flags.shape[0]
@@ -84,7 +83,7 @@ def _next_run(flags, start):  # type: ignore[no-untyped-def]
     return start, stop
 
 
-@njit(inline="always")
+@njit
 def _apply(column, gone, flags):  # type: ignore[no-untyped-def]
     """column &= ~gone in the flagged blocks.
 
@@ -99,7 +98,7 @@ def _apply(column, gone, flags):  # type: ignore[no-untyped-def]
         start, stop = _next_run(flags, stop)
 
 
-@njit(inline="always")
+@njit
 def _deletable(x1, x2, x3, x4, x5, x6, x7, x8):  # type: ignore[no-untyped-def]
     """Conditions (a) and (b) for 64 pixels at once."""
     p12, p34, p56, p78 = x1 | x2, x3 | x4, x5 | x6, x7 | x8  # the terms of n1
@@ -113,21 +112,37 @@ def _deletable(x1, x2, x3, x4, x5, x6, x7, x8):  # type: ignore[no-untyped-def]
 
 
 # The loops below run down three columns; x1 … x8 are the neighbours of the 64 pixels of word i + 1.
-@njit(inline="always")
+@njit
 def _first_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def]
     for i in range(gone.shape[0]):
         x3, c, x7 = here[i], here[i + 1], here[i + 2]
-        x4, x5, x6 = (x3 << U1) | (west[i] >> U63), (c << U1) | (west[i + 1] >> U63), (x7 << U1) | (west[i + 2] >> U63)
-        x2, x1, x8 = (x3 >> U1) | (east[i] << U63), (c >> U1) | (east[i + 1] << U63), (x7 >> U1) | (east[i + 2] << U63)
+        x4, x5, x6 = (
+            (x3 << U1) | (west[i] >> U63),
+            (c << U1) | (west[i + 1] >> U63),
+            (x7 << U1) | (west[i + 2] >> U63),
+        )
+        x2, x1, x8 = (
+            (x3 >> U1) | (east[i] << U63),
+            (c >> U1) | (east[i + 1] << U63),
+            (x7 >> U1) | (east[i + 2] << U63),
+        )
         gone[i] = c & ~anchor[i] & ~((x2 | x3 | ~x8) & x1) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
 
 
-@njit(inline="always")
+@njit
 def _second_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def]
     for i in range(gone.shape[0]):
         x3, c, x7 = here[i], here[i + 1], here[i + 2]
-        x4, x5, x6 = (x3 << U1) | (west[i] >> U63), (c << U1) | (west[i + 1] >> U63), (x7 << U1) | (west[i + 2] >> U63)
-        x2, x1, x8 = (x3 >> U1) | (east[i] << U63), (c >> U1) | (east[i + 1] << U63), (x7 >> U1) | (east[i + 2] << U63)
+        x4, x5, x6 = (
+            (x3 << U1) | (west[i] >> U63),
+            (c << U1) | (west[i + 1] >> U63),
+            (x7 << U1) | (west[i + 2] >> U63),
+        )
+        x2, x1, x8 = (
+            (x3 >> U1) | (east[i] << U63),
+            (c >> U1) | (east[i + 1] << U63),
+            (x7 >> U1) | (east[i + 2] << U63),
+        )
         gone[i] = c & ~anchor[i] & ~((x6 | x7 | ~x4) & x5) & _deletable(x1, x2, x3, x4, x5, x6, x7, x8)
 
 
@@ -162,13 +177,21 @@ def sub_iteration(columns, anchor, phase, changed, active, gone):  # type: ignor
     return any_deleted
 
 
-@njit(inline="always")
+@njit
 def _end_points(west, here, east, anchor, ends, gone):  # type: ignore[no-untyped-def]
     """End points (exactly one 8-neighbour): `gone` if it lies E, NE, N or NW, `ends` otherwise."""
     for i in range(gone.shape[0]):
         x3, c, x7 = here[i], here[i + 1], here[i + 2]
-        x4, x5, x6 = (x3 << U1) | (west[i] >> U63), (c << U1) | (west[i + 1] >> U63), (x7 << U1) | (west[i + 2] >> U63)
-        x2, x1, x8 = (x3 >> U1) | (east[i] << U63), (c >> U1) | (east[i + 1] << U63), (x7 >> U1) | (east[i + 2] << U63)
+        x4, x5, x6 = (
+            (x3 << U1) | (west[i] >> U63),
+            (c << U1) | (west[i + 1] >> U63),
+            (x7 << U1) | (west[i + 2] >> U63),
+        )
+        x2, x1, x8 = (
+            (x3 >> U1) | (east[i] << U63),
+            (c >> U1) | (east[i + 1] << U63),
+            (x7 >> U1) | (east[i + 2] << U63),
+        )
         # Per row, and for the three sides: at least one, at least two.
         up, up_two = x2 | x3 | x4, (x2 & x3) | ((x2 | x3) & x4)
         down, down_two = x6 | x7 | x8, (x6 & x7) | ((x6 | x7) & x8)
@@ -180,7 +203,7 @@ def _end_points(west, here, east, anchor, ends, gone):  # type: ignore[no-untype
         ends[i] = end & ~upper
 
 
-@njit(inline="always")
+@njit
 def _still_ends(west, here, east, ends, gone):  # type: ignore[no-untyped-def]
     """The end points left over that still have their one neighbour."""
     for i in range(gone.shape[0]):
@@ -239,7 +262,8 @@ def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[
             any_deleted |= _flag_blocks(dead, found[start:stop])
             start, stop = _next_run(active[w], stop)
         _apply(columns[w - 1], gone[(w - 1) & 1], found_before)
-        changed[SPURS, w] |= found
+        for b in range(found.shape[0]):
+            changed[SPURS, w, b] |= found[b]
         found, found_before = found_before, found
     _apply(columns[words - 2], gone[words & 1], found_before)
     return any_deleted

@@ -18,7 +18,7 @@ EDGES = types.Array(types.int64, 2, "C", readonly=True)
 KEYS_PER_PX = 1024  # ends of segments closer than this are one point
 
 
-@njit(inline="always")
+@njit
 def _mix(x):  # type: ignore[no-untyped-def]
     """A 64-bit finaliser (splitmix64): every input bit changes about half of the output."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

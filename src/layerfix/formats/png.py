@@ -43,7 +43,7 @@ COUNTS = types.Array(types.int64, 1, "C")
 BYTES = types.Array(types.uint8, 1, "C")
 
 
-@njit(inline="always")
+@njit
 def _put(state, out, bits, count):  # type: ignore[no-untyped-def]
     """Append `count` ≤ 32 bits. state: bit buffer, bits in it, bytes written."""
     state[0] |= bits << state[1]
@@ -55,7 +55,7 @@ def _put(state, out, bits, count):  # type: ignore[no-untyped-def]
         state[2] += U1
 
 
-@njit(inline="always")
+@njit
 def _adler(sums, value, count):  # type: ignore[no-untyped-def]
     """Adler-32 of `count` bytes `value`, in closed form."""
     n, a = np.int64(count), sums[0]
@@ -63,7 +63,7 @@ def _adler(sums, value, count):  # type: ignore[no-untyped-def]
     sums[0] = (a + np.int64(value) * n) % 65521
 
 
-@njit(inline="always")
+@njit
 def _emit_run(value, count, emit, counts, codes, lengths, state, out, sums):  # type: ignore[no-untyped-def]
     """One run of equal bytes: a literal, then matches of distance 1; counted, or written if `emit`."""
     left = count - 1
