@@ -23,7 +23,7 @@ WHITE, SOLID, ADDED, REMOVED, INK = (
     (40, 44, 52),
 )
 PANEL_PX = 900  # longest side of one layer in a picture
-CAPTION_PX = 56
+CAPTION_PX, CAPTION_WIDTH_PX = 56, 400
 
 
 def before_after(before: Layer, after: Layer, pixel_mm: tuple[float, float], *, title: str = "") -> Picture:
@@ -40,10 +40,11 @@ def before_after(before: Layer, after: Layer, pixel_mm: tuple[float, float], *, 
     right = _paint(was, now)
     size = _panel_size(was.shape, pixel_mm)
     gap = 24
-    canvas = Image.new("RGB", (2 * size[0] + 3 * gap, size[1] + CAPTION_PX + 2 * gap), WHITE)
+    step = max(size[0], CAPTION_WIDTH_PX) + gap
+    canvas = Image.new("RGB", (2 * step + gap, size[1] + CAPTION_PX + 2 * gap), WHITE)
     pen = ImageDraw.Draw(canvas)
     for k, (panel, caption) in enumerate(((left, f"as sliced{title}"), (right, "corrected:  "))):
-        x = gap + k * (size[0] + gap)
+        x = gap + k * step
         canvas.paste(_scaled(panel, size), (x, CAPTION_PX + gap))
         pen.rectangle((x - 1, CAPTION_PX + gap - 1, x + size[0], CAPTION_PX + gap + size[1]), outline=SOLID)
         pen.text((x, gap), caption, fill=INK, font_size=28)

@@ -17,6 +17,7 @@ from layerfix.columns import BLOCK, to_columns, to_rows
 from layerfix.errors import InputError
 from layerfix.morphology import disc_half_widths, erode_columns, working_box
 from layerfix.thinning import FIRST, SECOND, SPURS, remove_spurs, start_changes, sub_iteration
+from layerfix.units import one_or_two
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -50,10 +51,7 @@ def thin_anchored(columns, anchor, spur_rounds, scratch):  # type: ignore[no-unt
 
 def radii_px(radius_px: Radius) -> tuple[float, float]:
     """(rx, ry) of a radius given as one number or two. Raises InputError unless both are above 0."""
-    rx, ry = (radius_px, radius_px) if isinstance(radius_px, (int, float)) else radius_px
-    if not (0 < rx < np.inf and 0 < ry < np.inf):
-        raise InputError(f"radius {radius_px} px: it must be above 0")
-    return float(rx), float(ry)
+    return one_or_two(radius_px, "radius in px")
 
 
 def check_spurs(spurs: str) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from layerfix.bits import pack, unpack, words_for
 from layerfix.errors import InputError
+from layerfix.units import one_or_two
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -108,8 +109,6 @@ class LayerStack(Sequence[Layer]):
         z = np.array(self.z_mm, np.float64).reshape(-1, 2) if np.size(self.z_mm) == 0 else np.array(self.z_mm, float)
         if self.width < 1 or self.height < 1:
             raise InputError(f"a frame of {self.width} × {self.height} px holds nothing")
-        if not all(0 < p < np.inf for p in self.pixel_mm):
-            raise InputError(f"pixel pitch {self.pixel_mm} mm: both must be above 0")
         if z.ndim != 2 or z.shape[1] != 2 or not np.isfinite(z).all():
             raise InputError(f"z_mm has shape {z.shape}; it is (layers, 2): bottom and top")
         if not (np.all(z[:, 1] > z[:, 0]) and np.all(z[1:, 0] >= z[:-1, 1] - 1e-6)):
@@ -120,7 +119,7 @@ class LayerStack(Sequence[Layer]):
             raise InputError(f"workers={self.workers}: at least 1, or 0 for one per core")
         z.flags.writeable = False
         object.__setattr__(self, "z_mm", z)
-        object.__setattr__(self, "pixel_mm", (float(self.pixel_mm[0]), float(self.pixel_mm[1])))
+        object.__setattr__(self, "pixel_mm", pitch_mm(self.pixel_mm))
 
     @classmethod
     def from_images(
@@ -214,11 +213,8 @@ def _cores() -> int:
 
 
 def pitch_mm(pixel_mm: float | tuple[float, float]) -> tuple[float, float]:
-    """(x, y) pitch of a pitch given as one number or two."""
-    x, y = (pixel_mm, pixel_mm) if isinstance(pixel_mm, (int, float)) else pixel_mm
-    if not (0 < x < np.inf and 0 < y < np.inf):
-        raise InputError(f"pixel pitch {pixel_mm} mm: it must be above 0")
-    return float(x), float(y)
+    """(x, y) pitch of a pitch given as one number or two. Raises InputError unless both are above 0."""
+    return one_or_two(pixel_mm, "pixel pitch in mm")
 
 
 def layer_bounds_mm(count: int, layer_mm: float, first_layer_mm: float | None = None) -> NDArray[np.float64]:

@@ -153,7 +153,7 @@ def sub_iteration(columns, anchor, phase, changed, active, gone):  # type: ignor
     columns, anchor: (words, height); changed: (3, words, blocks) uint8; active: (words, blocks) uint8 and
     gone: (2, height), scratch.
     """
-    words, height = columns.shape
+    words = columns.shape[0]
     find_active(changed, active)
     any_deleted = False
     for w in range(1, words - 1):
@@ -222,7 +222,7 @@ def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[
     the others that still are end points. (Deleting all at once erases two-pixel components: it changed the
     topology of 263 of 300 random images.) Arguments as in `sub_iteration`; ends: (words, height), scratch.
     """
-    words, height = columns.shape
+    words = columns.shape[0]
     find_active(changed, active)
     any_deleted, any_left = False, False
     for w in range(1, words - 1):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 from layerfix.errors import InputError
 
@@ -68,3 +69,15 @@ def format_mm(value_mm: float) -> str:
     if value_mm and abs(value_mm) < 0.1:
         return f"{value_mm * 1000:.4g} µm"
     return f"{value_mm:.4g} mm"
+
+
+def one_or_two(value: float | tuple[float, float], what: str) -> tuple[float, float]:
+    """(x, y) of something given as one number or as two. Raises InputError unless both are above 0."""
+    numbers = tuple(value) if isinstance(value, Iterable) else (value, value)
+    try:
+        x, y = (float(n) for n in numbers)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"{what} {value!r}: it is one number, or two") from problem
+    if not (0 < x < math.inf and 0 < y < math.inf):
+        raise InputError(f"{what} {value!r}: it must be above 0")
+    return x, y

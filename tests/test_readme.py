@@ -1,0 +1,63 @@
+"""Every example of the README runs."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from tests.making import run_layerfix
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README, re.DOTALL)
+COMMANDS = [
+    line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines() if line.startswith("layerfix ")
+]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with the part and the printer file that the examples name."""
+    from layerfix.mesh import save_stl
+    from layerfix.samples import sample
+
+    save_stl(tmp_path / "part.stl", sample("test-part").mesh())
+    toml = next(text for kind, text in BLOCKS if kind == "toml")
+    (tmp_path / "my.toml").write_text(toml, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_commands_of_the_readme_run_one_after_the_other(folder):
+    """Each `layerfix …` line works; a target written by an earlier example is cleared first."""
+    assert len(COMMANDS) >= 4
+    for command in COMMANDS:
+        arguments = shlex.split(command)[1:]
+        if arguments[1] == "part.stl":
+            (folder / arguments[2]).unlink(missing_ok=True)
+        code, _, error = run_layerfix(*arguments)
+        assert code == 0, f"{command}: {error}"
+        assert (folder / arguments[2]).exists()
+
+
+@pytest.mark.parametrize("code", [text for kind, text in BLOCKS if kind == "python"])
+def test_the_python_of_the_readme_runs(folder, code):
+    """Each Python block runs in a folder with part.stl."""
+    exec(compile(code, "README.md", "exec"), {})
+
+
+def test_the_readme_shows_what_the_demo_prints(folder):
+    """The summary shown is the demo's own."""
+    shown = next(text for kind, text in BLOCKS if kind == "text")
+    _, output, _ = run_layerfix("demo")
+    for line in shown.splitlines():
+        assert line in output
+
+
+def test_the_setup_commands_are_what_they_claim():
+    """Two one-liners set everything up: the demo, and the tests."""
+    lines = [line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines() if "venv" in line]
+    assert lines[0].endswith("layerfix demo")
+    assert lines[1].endswith("python -m pytest")
+    assert (ROOT / "docs" / "before_after.png").is_file()
