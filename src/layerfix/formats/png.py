@@ -273,19 +273,3 @@ def encode_png(
     chunks += [_chunk(b"tEXt", key.encode("latin-1") + b"\0" + value.encode("latin-1"))
                for key, value in (text or {}).items()]  # fmt: skip
     return b"".join([SIGNATURE, *chunks, _chunk(b"IDAT", stream), _chunk(b"IEND", b"")])
-
-
-def decode_png(data: bytes, where: str, size_px: tuple[int, int], *, threshold: int = 128) -> Rows:
-    """Packed rows of a PNG: solid where the grey value is at least `threshold`.
-
-    where, size_px  what errors name, and the (width, height) it must have
-    raises          InputError for what is no PNG, is cut short, or has another size
-    """
-    import cv2
-
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise InputError(f"{where}: not a readable PNG image")
-    if image.shape != (size_px[1], size_px[0]):
-        raise InputError(f"{where}: {image.shape[1]} × {image.shape[0]} px, not {size_px[0]} × {size_px[1]} px")
-    return pack(image >= threshold)

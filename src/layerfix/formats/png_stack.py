@@ -19,7 +19,8 @@ import numpy as np
 
 from layerfix.errors import InputError
 from layerfix.files import whole_file, whole_folder
-from layerfix.formats.png import SIGNATURE, decode_png, encode_png
+from layerfix.formats.png import SIGNATURE, encode_png
+from layerfix.formats.png_decode import decode_png
 from layerfix.stack import Layer, LayerStack, layer_bounds_mm, layer_maker
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
 
     def rows(index: int) -> Any:
         name = source.names[index]
-        return decode_png(source.load(name), f"{source.where}/{name}", (first.width, first.height))
+        return decode_png(source.load(name), f"{source.where}/{name}", (first.width, first.height)).rows
 
     return LayerStack(first.width, first.height, pixel_mm, z_mm, layer_maker(rows, first.width, z_mm), (x, y))
 
