@@ -14,7 +14,9 @@ BENCHMARKS = {
 }
 
 parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
-parser.add_argument("names", nargs="*", choices=[[], *BENCHMARKS], default=[], metavar="NAME", help=", ".join(BENCHMARKS))
+parser.add_argument(
+    "names", nargs="*", choices=[[], *BENCHMARKS], default=[], metavar="NAME", help=", ".join(BENCHMARKS)
+)
 chosen = parser.parse_args().names or list(BENCHMARKS)
 print(machine())
 for name in chosen:

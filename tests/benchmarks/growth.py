@@ -18,7 +18,9 @@ def seconds(stack: lf.LayerStack, min_feature_px: float, workers: int = 1) -> fl
 
 
 def stack_of(count: int, width: int, height: int) -> lf.LayerStack:
-    return lf.LayerStack.from_images((blobs(width, height, 40, k) for k in range(count)), pixel_mm=0.05, layer_mm=0.05)
+    return lf.LayerStack.from_images(
+        (blobs(width, height, 40, k) for k in range(count)), pixel_mm=0.05, layer_mm=0.05
+    )
 
 
 def run() -> None:

@@ -15,7 +15,11 @@ RADIUS_PX = 10.0
 
 def run() -> None:
     rows = []
-    for name, image in (("dense blobs", blobs(*SIZE, 40)), ("fine blobs", blobs(*SIZE, 20)), ("sparse", sparse(*SIZE))):
+    for name, image in (
+        ("dense blobs", blobs(*SIZE, 40)),
+        ("fine blobs", blobs(*SIZE, 20)),
+        ("sparse", sparse(*SIZE)),
+    ):
         packed = lf.pack(image)
         radii = (RADIUS_PX, RADIUS_PX)
         ours = lf.unpack(correct_rows(packed, SIZE[0], radii, "as_printed"), SIZE[0])
@@ -25,7 +29,9 @@ def run() -> None:
         fast = best_of(20, lambda packed=packed: correct_rows(packed, SIZE[0], (RADIUS_PX, RADIUS_PX), "as_printed"))
         plain = best_of(2, lambda image=image: numpy_opencv.correct(image, RADIUS_PX, RADIUS_PX))
         tuned = best_of(3, lambda image=image: numpy_opencv.correct_by_lookup(image, RADIUS_PX, RADIUS_PX))
-        thinning = best_of(2, lambda grey=grey: cv2.ximgproc.thinning(grey, thinningType=cv2.ximgproc.THINNING_GUOHALL))
+        thinning = best_of(
+            2, lambda grey=grey: cv2.ximgproc.thinning(grey, thinningType=cv2.ximgproc.THINNING_GUOHALL)
+        )
         rows.append([name, 1e3 * fast, 1e3 * plain, f"{plain / fast:.0f} ×", 1e3 * tuned, f"{tuned / fast:.0f} ×",
                      1e3 * thinning, f"{thinning / fast:.0f} ×"])  # fmt: skip
     print(f"One layer of {SIZE[0]} × {SIZE[1]} px, radius {RADIUS_PX:g} px, as_printed, one thread, ms; same bits.\n")

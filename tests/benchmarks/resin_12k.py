@@ -50,7 +50,9 @@ def run() -> None:
             done = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
         rows.append([f"{done['layers']} layers", done["seconds"], done["layers"] / done["seconds"], done["peak_gb"],
                      done["bytes"] / 1e6])  # fmt: skip
-    print("24 dragons on 11520 × 5120 px (19 × 24 µm), minimum feature 0.15 mm, mesh → corrected → zip of 8-bit PNG.\n")
+    print(
+        "24 dragons on 11520 × 5120 px (19 × 24 µm), minimum feature 0.15 mm, mesh → corrected → zip of 8-bit PNG.\n"
+    )
     table(("job", "seconds", "layers/s", "peak GB", "MB written"), rows)
 
     printer = lf.load_printer(PRINTER)

@@ -24,6 +24,8 @@ def run() -> None:
         ["all modules, kernels cached", best_of(3, lambda: start("-c", KERNELS))],
     ]
     with tempfile.TemporaryDirectory() as cache:
-        rows.append(["all modules, kernels compiled", best_of(1, lambda: start("-c", KERNELS, NUMBA_CACHE_DIR=cache))])
+        rows.append(
+            ["all modules, kernels compiled", best_of(1, lambda: start("-c", KERNELS, NUMBA_CACHE_DIR=cache))]
+        )
     table(("command", "seconds"), [[name, t] for name, t in rows])
     print(f"\n`import layerfix` adds {1e3 * (rows[1][1] - bare):.0f} ms to the interpreter's own start.")

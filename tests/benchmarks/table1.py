@@ -45,5 +45,10 @@ def run() -> None:
                      f"{paper_s / b:.0f} ×"])  # fmt: skip
     paper = sum(PAPER_S.values())
     rows.append(["all", "", "", "", sums[0], sums[1] - sums[0], sums[1], paper, f"{paper / sums[1]:.0f} ×"])
-    print(f"Minimum feature 8 px (0.8 mm at 0.1 mm pixels); {len(os.sched_getaffinity(0))} cores, seconds, best of 3.\n")
-    table(("model", "slices", "image px", "triangles", "slicing", "correction", "total", "paper, 8 cores", "ratio"), rows)
+    print(
+        f"Minimum feature 8 px (0.8 mm at 0.1 mm pixels); {len(os.sched_getaffinity(0))} cores, seconds, best of 3.\n"
+    )
+    table(
+        ("model", "slices", "image px", "triangles", "slicing", "correction", "total", "paper, 8 cores", "ratio"),
+        rows,
+    )

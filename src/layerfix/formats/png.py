@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit, types
 
-from layerfix.bits import ROWS, U0, U1, lowest_bit, pack
+from layerfix.bits import ROWS, U0, U1, lowest_bit
 from layerfix.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,8 +1,10 @@
 """A PNG file as one packed layer. Specification: PNG (ISO/IEC 15948), filters in section 9.
 
-Mask printers' layers are 8-bit (or 1-bit) grey. For those the inflated bytes go through the filters one row
-at a time, straight into packed rows: the full grey image is made only for layers that have greys. Every other
-kind of PNG (16-bit, palette, colour, interlaced) is read by Pillow.
+Mask printers' layers are 8-bit grey and mostly black and white. Then every filtered byte is 0, 1 or 255: a
+pixel turned on or off against the one to its left (Sub), above (Up) or against black (None). So eight bytes
+at a time are packed to bits, and the filter is undone on 64 pixels at once: an XOR with the row above, or a
+running XOR along the row. Layers with greys, or with other filters, take the general way, a byte at a time;
+every other kind of PNG (16-bit, palette, colour, interlaced) is read by Pillow.
 """
 
 from __future__ import annotations
@@ -11,12 +13,12 @@ import io
 import struct
 import zlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit, types
 
-from layerfix.bits import U0, WORK, pack, words_for
+from layerfix.bits import U0, U1, U63, WORK, pack, words_for
 from layerfix.errors import InputError
 from layerfix.formats.png import SIGNATURE
 
@@ -29,6 +31,7 @@ GREYS = types.Array(types.uint8, 1, "C", readonly=True)
 LINE = types.Array(types.uint8, 1, "C")
 IMAGE = types.Array(types.uint8, 2, "C")
 NONE, SUB, UP, AVERAGE, PAETH = range(5)
+ONES = np.uint64(0x0101010101010101)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +98,76 @@ def _pack_line(line, threshold, out):  # type: ignore[no-untyped-def]
     return greys != np.uint8(0)
 
 
+@njit
+def _octet(q, bit):  # type: ignore[no-untyped-def]
+    """Bit `bit` of each of the eight bytes of q, as eight bits (the first byte's lowest)."""
+    return (((q >> np.uint64(bit)) & ONES) * np.uint64(0x0102040810204080)) >> np.uint64(56)
+
+
+@njit
+def _flat_bytes(q):  # type: ignore[no-untyped-def]
+    """True if every byte of q is 0, 1 or 255: bits 1 … 7 alike, and 0 set where they are."""
+    return ((q ^ (q >> U1)) & np.uint64(0x7E7E7E7E7E7E7E7E)) | ((q >> np.uint64(7)) & ~q & ONES) == U0
+
+
+@njit
+def _running_xor(x):  # type: ignore[no-untyped-def]
+    """Bit i of the result is the XOR of bits 0 … i."""
+    for shift in (1, 2, 4, 8, 16, 32):
+        x ^= x << np.uint64(shift)
+    return x
+
+
+@njit(types.boolean(GREYS, types.int64, WORK), cache=True, nogil=True)
+def rows_if_binary(raw, width, rows):  # type: ignore[no-untyped-def]
+    """Filtered bytes of an 8-bit image → packed rows, if it is black and white with filters None, Sub, Up.
+
+    False, with `rows` half written, if it turns out not to be.
+    """
+    octets = np.zeros(rows.shape[1] * 8, np.uint64)  # a row's bytes; past the width they stay 0
+    tail = np.zeros(8, np.uint8)
+    for y in range(rows.shape[0]):
+        start = y * (width + 1)
+        kind = raw[start]
+        if kind > UP:
+            return False
+        whole = width // 8
+        line = raw[start + 1 : start + 1 + whole * 8].view(np.uint64)
+        for i in range(whole):
+            octets[i] = line[i]
+        if width & 7:
+            for i in range(width & 7):
+                tail[i] = raw[start + 1 + whole * 8 + i]
+            octets[whole] = tail.view(np.uint64)[0]
+        carry = U0
+        for w in range(rows.shape[1]):
+            part = octets[w * 8 : w * 8 + 8]
+            before = rows[y - 1, w] if kind == UP and y > 0 else U0
+            any_bits = part[0] | part[1] | part[2] | part[3] | part[4] | part[5] | part[6] | part[7]
+            if any_bits == U0:
+                rows[y, w] = carry if kind == SUB else before
+                continue
+            turned, on = U0, U0
+            for k in range(8):
+                q = part[k]
+                if not _flat_bytes(q):
+                    return False
+                turned |= _octet(q, 0) << np.uint64(8 * k)
+                on |= _octet(q, 7) << np.uint64(8 * k)
+            if kind == SUB:
+                word = _running_xor(turned) ^ carry
+                before = (word << U1) | (carry & U1)
+                carry = U0 - (word >> U63)
+            else:
+                word = before ^ turned
+            if (on & before) | (turned & ~on & ~before) != U0:  # 255 + 255, or 0 + 1: a grey after all
+                return False
+            rows[y, w] = word
+        if width & 63:
+            rows[y, rows.shape[1] - 1] &= (U1 << np.uint64(width & 63)) - U1
+    return True
+
+
 @njit(types.int64(GREYS, types.int64, types.uint8, WORK), cache=True, nogil=True)
 def _rows_8bit(raw, width, threshold, rows):  # type: ignore[no-untyped-def]
     """Filtered bytes of an 8-bit image → packed rows. 1 if there are greys, 0 if not, -1 for a bad filter."""
@@ -139,6 +212,8 @@ def decode_png(data: bytes, where: str, size_px: tuple[int, int], *, threshold: 
     rows = np.zeros((height, words_for(width)), np.uint64)
     if depth == 1:
         return Decoded(_rows_1bit(raw, width, rows, where), None)
+    if rows_if_binary(raw, width, rows):
+        return Decoded(rows, None)
     greys = _rows_8bit(raw, width, threshold, rows)
     if greys < 0:
         raise InputError(f"{where}: not a readable PNG image (an unknown filter)")
@@ -176,12 +251,12 @@ def _chunks(data: bytes, where: str) -> tuple[bytes, bytes]:
 
 def _inflate(stream: bytes, size: int, where: str) -> bytes:
     """Inflate a zlib stream that must give exactly `size` bytes; no more are ever made."""
-    from isal import isal_zlib
+    from zlib_ng import zlib_ng
 
+    broken: Any = zlib_ng.error  # typed as an instance in its stubs
     try:
-        inflater = isal_zlib.decompressobj()
-        raw: bytes = inflater.decompress(stream, size + 1)
-    except isal_zlib.error as problem:
+        raw: bytes = zlib_ng.decompressobj().decompress(stream, size + 1)
+    except broken as problem:
         raise InputError(f"{where}: a corrupt PNG image ({problem})") from problem
     if len(raw) != size:
         raise InputError(f"{where}: a corrupt PNG image ({'too much' if len(raw) > size else 'too little'} data)")
