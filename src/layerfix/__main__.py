@@ -17,12 +17,21 @@ def _terminate(signum: int, frame: FrameType | None) -> None:
 
 def main() -> None:
     """Run the command line. Exit codes: 0 done, 2 an error that was explained, 130 Ctrl-C, 143 SIGTERM."""
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        code = _run()
+    except (KeyboardInterrupt, Terminated) as stop:  # while still loading
+        code = 143 if isinstance(stop, Terminated) else 130
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _run() -> object:
     import click
 
     from layerfix.cli import layerfix
     from layerfix.errors import LayerfixError
 
-    signal.signal(signal.SIGTERM, _terminate)
+    code: object
     try:
         code = layerfix.main(prog_name="layerfix", standalone_mode=False)
     except click.ClickException as problem:
@@ -34,12 +43,10 @@ def main() -> None:
     except (KeyboardInterrupt, click.Abort):
         click.echo("layerfix: stopped; nothing was written", err=True)
         code = 130
-    except Terminated:
-        code = 143
     except BrokenPipeError:
         sys.stderr.close()  # the reader of a pipe has gone; there is nobody to tell
         code = 1
-    sys.exit(code if isinstance(code, int) else 0)
+    return code
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from layerfix.errors import OutputError
+from layerfix.errors import InputError, OutputError
 
 
 def check_target(path: Path, *, force: bool) -> None:
@@ -88,14 +88,24 @@ def _swap_in(temporary: Path, path: Path) -> None:
         os.replace(temporary, path)
         return
     old = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".old", dir=path.absolute().parent))
-    os.replace(path, old / "was")
     try:
-        os.replace(temporary, path)
-    except OSError:
-        os.replace(old / "was", path)
-        raise
+        os.replace(path, old / "was")
+        try:
+            os.replace(temporary, path)
+        except BaseException:  # a signal too: the old folder goes back to its place
+            os.replace(old / "was", path)
+            raise
     finally:
         shutil.rmtree(old, ignore_errors=True)
+
+
+@contextmanager
+def reading(path: str | Path) -> Iterator[None]:
+    """Turn what the system says about an unreadable input into an InputError that names it."""
+    try:
+        yield
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read: {(problem.strerror or str(problem)).lower()}") from problem
 
 
 def _refused(path: Path, problem: OSError) -> str:

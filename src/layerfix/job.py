@@ -130,12 +130,28 @@ def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, 
 def _check_paths(source: Path, target: Path, options: Options) -> None:
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
-    if target.exists() and source.exists() and target.samefile(source):
-        raise OutputError(f"{target}: is the input too; layerfix never overwrites its input")
+    _check_apart(target, source)
     format_for(target)
     check_target(target, force=options.force)
-    if options.picture:
-        check_target(options.picture, force=options.force)
+    picture = options.picture
+    if picture:
+        if picture.suffix.lower() != ".png":
+            raise OutputError(
+                f"{picture}: the picture is a .png file; it would be in the place of the input or output"
+            )
+        _check_apart(picture, source)
+        if picture.absolute() == target.absolute() or target.absolute() in picture.absolute().parents:
+            raise OutputError(f"{picture}: is where the output goes; choose another place for the picture")
+        if picture.is_dir():
+            raise OutputError(f"{picture}: is a folder; the picture is a file")
+        check_target(picture, force=options.force)
+
+
+def _check_apart(target: Path, source: Path) -> None:
+    """The input is never written over, nor written into."""
+    inside = source.is_dir() and source.resolve() in target.absolute().parents
+    if inside or (target.exists() and target.samefile(source)):
+        raise OutputError(f"{target}: is {'inside ' if inside else ''}the input; layerfix never writes to its input")
 
 
 def _min_feature_mm(options: Options) -> float:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from layerfix.errors import InputError
 from layerfix.files import whole_file
+from layerfix.threemf import read_3mf
 from layerfix.units import format_mm, mm_per_unit
 
 if TYPE_CHECKING:
@@ -53,6 +54,10 @@ class Mesh:
                 if faces.max() >= len(vertices)
                 else f"{self.name}: a face names vertex {faces.min()}"
             )
+        used = np.zeros(len(vertices), np.bool_)
+        used[faces] = True
+        if not used.all():  # vertices of no triangle count for nothing, least of all for the size
+            vertices, faces = vertices[used], (np.cumsum(used, dtype=np.int32) - 1)[faces].astype(np.int32)
         if not np.isfinite(vertices).all():
             bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
             raise InputError(f"{self.name}: {bad} of {len(vertices)} vertices are NaN or infinite")
@@ -62,8 +67,7 @@ class Mesh:
     @property
     def bounds_mm(self) -> NDArray[np.float64]:
         """(2, 3): the lowest and the highest corner of the triangles."""
-        used = self.vertices[np.unique(self.faces)] if len(self.faces) < len(self.vertices) // 3 else self.vertices
-        return np.array([used.min(axis=0), used.max(axis=0)])
+        return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
@@ -100,34 +104,56 @@ def load_mesh(path: str | Path, *, unit: str | None = None) -> Mesh:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: '{path.suffix}' is not a mesh; known are {' '.join(SUFFIXES)}")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; a mesh is a file")
     if not path.is_file():
         raise InputError(f"{path}: no such file")
-    scene = _read_scene(path)
-    mesh = scene.to_mesh() if scene.geometry else None
-    if mesh is None or not hasattr(mesh, "faces") or not len(mesh.faces):
-        raise InputError(f"{path}: the mesh has no triangles")
-    read_in = unit or scene.units or "mm"
-    loaded = Mesh(np.asarray(mesh.vertices) * mm_per_unit(read_in), mesh.faces, path.name)
+    vertices, faces, read_in = _read(path, suffix, unit)
+    loaded = Mesh(vertices, faces, path.name)
     if not unit:
         _check_plausible(loaded, path, read_in)
     return loaded
 
 
-def _read_scene(path: Path) -> Any:
-    import trimesh
-
+def _read(path: Path, suffix: str, unit: str | None) -> tuple[NDArray[np.float64], NDArray[np.int64], str]:
+    """(vertices in mm, faces, the unit they were read in)."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return trimesh.load_scene(str(path), process=False)
+            if suffix == ".3mf":
+                return *read_3mf(path, unit), unit or "mm"
+            import trimesh
+
+            scene = trimesh.load_scene(str(path), process=False)
+            mesh = scene.to_mesh() if scene.geometry else None
+            if mesh is None or not hasattr(mesh, "faces") or not len(mesh.faces):
+                raise InputError(f"{path}: the mesh has no triangles")
+            if suffix == ".off":
+                _check_off(path)
+    except InputError:
+        raise
     except Exception as problem:
         # trimesh's readers raise whatever their parsers raise (struct, lxml, zipfile, numpy errors);
         # all of them mean that this file is not what its suffix says.
         reason = " ".join(str(problem).split()) or type(problem).__name__
-        raise InputError(f"{path}: not a readable {path.suffix} mesh ({reason[:160]})") from problem
+        raise InputError(f"{path}: not a readable {suffix} mesh ({reason[:160]})") from problem
+    read_in = unit or scene.units or "mm"
+    return np.asarray(mesh.vertices) * mm_per_unit(read_in), np.asarray(mesh.faces), read_in
+
+
+def _check_off(path: Path) -> None:
+    """An OFF file has as many lines as its header says; trimesh reads a file that is cut short all the same."""
+    with path.open(encoding="latin-1") as file:
+        words = [line.partition("#")[0].split() for line in file]
+    lines = [line for line in words if line]
+    header = lines[0][1:] or lines[1]
+    body = len(lines) - (1 if lines[0][1:] else 2)
+    if body < int(header[0]) + int(header[1]):
+        raise InputError(f"{path}: the file is cut short: {body} lines of {int(header[0]) + int(header[1])}")
 
 
 def _check_plausible(mesh: Mesh, path: Path, read_in: str) -> None:
+    """Raises InputError, proposing units, if the part is so small or so large that its unit is in doubt."""
     longest = max(mesh.size_mm)
     low, high = PLAUSIBLE_MM
     if low <= longest <= high:
@@ -135,17 +161,13 @@ def _check_plausible(mesh: Mesh, path: Path, read_in: str) -> None:
     size = " × ".join(f"{s:.4g}" for s in mesh.size_mm)
     if longest == 0:
         raise InputError(f"{path}: all vertices are one point; the mesh has no size")
-    if longest < low:
-        choices = [u for u in ("in", "cm", "m") if low <= longest / mm_per_unit(read_in) * mm_per_unit(u) <= high]
-        hint = " or ".join(
-            f"--unit {u} ({format_mm(longest / mm_per_unit(read_in) * mm_per_unit(u))})" for u in choices
-        )
-    else:
-        hint = f"--unit um ({format_mm(longest / mm_per_unit(read_in) * 1e-3)})"
-    hint = f"try {hint}, or " if hint else ""
+    in_unit = {u: longest / mm_per_unit(read_in) * mm_per_unit(u) for u in ("um", "mm", "in", "cm", "m")}
+    fitting = [f"--unit {u} ({format_mm(mm)})" for u, mm in in_unit.items() if low <= mm <= high]
+    hint = f"try {' or '.join(fitting)}, or " if fitting else ""
+    same = next((u for u in in_unit if mm_per_unit(u) == mm_per_unit(read_in)), read_in)
     raise InputError(
         f"{path}: the part is {size} mm, which is {'tiny' if longest < low else 'huge'}; the file may be in"
-        f" another unit: {hint}--unit {read_in} to keep this size"
+        f" another unit: {hint}--unit {same} to keep this size"
     )
 
 

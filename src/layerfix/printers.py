@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from layerfix.errors import InputError
+from layerfix.files import reading
 
 PROCESSES = ("resin", "fdm", "powder")
+MIRRORS = ("", "x", "y", "xy")
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,9 @@ def load_printer(name: str | Path) -> Printer:
 
 def _parse(path: Path) -> Printer:
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        with reading(path):
+            text = path.read_text(encoding="utf-8")
+        data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise InputError(f"{path}: not a valid TOML file ({problem})") from problem
     for key in data:
@@ -120,7 +124,26 @@ def _parse(path: Path) -> Printer:
         raise InputError(f"{path}: process = '{values['process']}'; choose from {', '.join(PROCESSES)}")
     if "pixel_mm" not in values:
         values["pixel_mm"] = _derived_pitch(path, values)
+    _check_agreement(path, values)
     return Printer(name=path.stem, **values)
+
+
+def _check_agreement(path: Path, values: dict[str, Any]) -> None:
+    """Raises InputError for values that are each well formed but cannot be, alone or together."""
+    low, high = values["layer_range_mm"]
+    if low > high:
+        raise InputError(f"{path}: layer_range_mm = [{low}, {high}]; the lowest layer comes first")
+    if values.get("mirror", "") not in MIRRORS:
+        raise InputError(f"{path}: mirror = '{values['mirror']}'; choose from {', '.join(map(repr, MIRRORS))}")
+    if values.get("format", ".") and not values.get("format", ".").startswith("."):
+        raise InputError(f"{path}: format = '{values['format']}'; it is a suffix such as .sl1")
+    for axis, pixels, pitch, size in zip(
+        "xy", values.get("pixels", ()), values["pixel_mm"], values["build_mm"], strict=False
+    ):
+        if abs(pixels * pitch / size - 1) > 0.005:
+            raise InputError(
+                f"{path}: pixels × pixel_mm is {pixels * pitch:.4g} mm along {axis}, build_mm says {size:.4g} mm"
+            )
 
 
 def _value(path: Path, key: str, value: Any) -> Any:

@@ -51,7 +51,7 @@ def thin_anchored(columns, anchor, spur_rounds, scratch):  # type: ignore[no-unt
 
 def radii_px(radius_px: Radius) -> tuple[float, float]:
     """(rx, ry) of a radius given as one number or two. Raises InputError unless both are above 0."""
-    return one_or_two(radius_px, "radius in px")
+    return one_or_two(radius_px, "radius", "px")
 
 
 def check_spurs(spurs: str) -> None:

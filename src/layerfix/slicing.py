@@ -269,9 +269,9 @@ def _frame(
     return width, height, (left * pitch[0], top * pitch[1])
 
 
-def _floor(value: float) -> int:
-    """Floor that takes what is within 1e-6 of a whole number for that number."""
-    return math.floor(value + 1e-6)
+def _floor(value_px: float) -> int:
+    """Floor of what is snapped as the vertices are: a part read from 32-bit floats has the same frame."""
+    return math.floor(round(value_px * SNAP_PER_PX) / SNAP_PER_PX)
 
 
 def _layers(mesh: Mesh, layer_mm: float, first_layer_mm: float | None) -> NDArray[np.float64]:
@@ -286,7 +286,7 @@ def _layers(mesh: Mesh, layer_mm: float, first_layer_mm: float | None) -> NDArra
             f"{mesh.name}: the part is {format_mm(z)} tall, under half the first layer of {format_mm(first)};"
             " use a smaller layer height"
         )
-    count = 1 + max(0, math.ceil((z - first) / layer_mm - 0.5 - 1e-6))
+    count = 1 + max(0, math.ceil(round((z - first) / layer_mm, 4) - 0.5))
     if count > 1_000_000:
         raise InputError(f"{mesh.name}: {z:.4g} mm in layers of {format_mm(layer_mm)} is {count} layers")
     return layer_bounds_mm(count, layer_mm, first_layer_mm)

@@ -214,7 +214,7 @@ def _cores() -> int:
 
 def pitch_mm(pixel_mm: float | tuple[float, float]) -> tuple[float, float]:
     """(x, y) pitch of a pitch given as one number or two. Raises InputError unless both are above 0."""
-    return one_or_two(pixel_mm, "pixel pitch in mm")
+    return one_or_two(pixel_mm, "pixel pitch", "mm")
 
 
 def layer_bounds_mm(count: int, layer_mm: float, first_layer_mm: float | None = None) -> NDArray[np.float64]:

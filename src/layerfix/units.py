@@ -71,13 +71,13 @@ def format_mm(value_mm: float) -> str:
     return f"{value_mm:.4g} mm"
 
 
-def one_or_two(value: float | tuple[float, float], what: str) -> tuple[float, float]:
+def one_or_two(value: float | tuple[float, float], what: str, unit: str) -> tuple[float, float]:
     """(x, y) of something given as one number or as two. Raises InputError unless both are above 0."""
     numbers = tuple(value) if isinstance(value, Iterable) else (value, value)
     try:
         x, y = (float(n) for n in numbers)
     except (TypeError, ValueError) as problem:
-        raise InputError(f"{what} {value!r}: it is one number, or two") from problem
+        raise InputError(f"{what} {value} {unit}: it is one number, or two") from problem
     if not (0 < x < math.inf and 0 < y < math.inf):
-        raise InputError(f"{what} {value!r}: it must be above 0")
+        raise InputError(f"{what} {value} {unit}: it must be above 0")
     return x, y

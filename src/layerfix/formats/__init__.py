@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from layerfix.errors import InputError, OutputError
+from layerfix.files import reading
 from layerfix.formats import png_stack
 from layerfix.mesh import SUFFIXES as MESH_SUFFIXES
 from layerfix.stack import LayerStack, pitch_mm
@@ -19,8 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Hints:
-    """What a container may not say about its layers; what is given here wins."""
+    """What a container may not say about its layers. What is given here wins over the file, and the file over
+    the printer."""
 
+    printer: Printer | None = None
     pixel_mm: tuple[float, float] | None = None
     layer_mm: float | None = None
     first_layer_mm: float | None = None
@@ -60,16 +63,19 @@ def read(
     Raises InputError naming the file for one that is missing, unknown, broken or without a pitch.
     """
     path = Path(path)
-    hints = Hints(None if pixel_mm is None else pitch_mm(pixel_mm), layer_mm, first_layer_mm)
-    if printer is not None:
-        hints = Hints(hints.pixel_mm or printer.pixel_mm, hints.layer_mm or printer.layer_mm, first_layer_mm)
+    hints = Hints(printer, None if pixel_mm is None else pitch_mm(pixel_mm), layer_mm, first_layer_mm)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     if path.is_dir():
         return png_stack.read_folder(path, hints)
-    if zipfile.is_zipfile(path) and path.suffix.lower() not in MESH_SUFFIXES:
+    with reading(path):
+        is_zip = zipfile.is_zipfile(path)
+    if is_zip and path.suffix.lower() not in MESH_SUFFIXES:
         return png_stack.read_zip(path, hints)
-    raise InputError(f"{path}: not a file of layers that layerfix knows; it reads {known_suffixes()}")
+    raise InputError(
+        f"{path}: not a file that layerfix knows; it reads meshes ({' '.join(MESH_SUFFIXES)}), and layers from"
+        f" {known_suffixes()}"
+    )
 
 
 def write(

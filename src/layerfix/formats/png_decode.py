@@ -227,7 +227,7 @@ def decode_png(data: bytes, where: str, size_px: tuple[int, int], *, threshold: 
 def _chunks(data: bytes, where: str) -> tuple[bytes, bytes]:
     """(IHDR, all IDAT) of a PNG, checksums verified."""
     if data[:8] != SIGNATURE:
-        raise InputError(f"{where}: not a PNG image")
+        raise InputError(f"{where}: not a readable PNG image")
     header, parts, at = b"", [], 8
     while at + 12 <= len(data):
         size = int.from_bytes(data[at : at + 4], "big")
@@ -236,7 +236,7 @@ def _chunks(data: bytes, where: str) -> tuple[bytes, bytes]:
         if len(crc) < 4:
             break
         if zlib.crc32(body, zlib.crc32(kind)) != int.from_bytes(crc, "big"):
-            raise InputError(f"{where}: a corrupt PNG image (wrong checksum of {kind!r})")
+            raise InputError(f"{where}: not a readable PNG image (wrong checksum)")
         if kind == b"IHDR":
             header = body
         elif kind == b"IDAT":
@@ -246,7 +246,7 @@ def _chunks(data: bytes, where: str) -> tuple[bytes, bytes]:
                 break
             return header, parts[0] if len(parts) == 1 else b"".join(parts)
         at += 12 + size
-    raise InputError(f"{where}: a PNG image that is cut short")
+    raise InputError(f"{where}: not a readable PNG image (it is cut short)")
 
 
 def _inflate(stream: bytes, size: int, where: str) -> bytes:
@@ -257,9 +257,9 @@ def _inflate(stream: bytes, size: int, where: str) -> bytes:
     try:
         raw: bytes = zlib_ng.decompressobj().decompress(stream, size + 1)
     except broken as problem:
-        raise InputError(f"{where}: a corrupt PNG image ({problem})") from problem
+        raise InputError(f"{where}: not a readable PNG image ({problem})") from problem
     if len(raw) != size:
-        raise InputError(f"{where}: a corrupt PNG image ({'too much' if len(raw) > size else 'too little'} data)")
+        raise InputError(f"{where}: not a readable PNG image (too {'much' if len(raw) > size else 'little'} data)")
     return raw
 
 

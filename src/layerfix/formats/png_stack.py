@@ -12,13 +12,13 @@ import re
 import struct
 import zipfile
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from layerfix.errors import InputError
-from layerfix.files import whole_file, whole_folder
+from layerfix.files import reading, whole_file, whole_folder
 from layerfix.formats.png import SIGNATURE, encode_png
 from layerfix.formats.png_decode import decode_png
 from layerfix.stack import Layer, LayerStack, layer_bounds_mm, layer_maker
@@ -51,33 +51,42 @@ class Head(NamedTuple):
 
 def numeric_order(name: str) -> tuple[Any, ...]:
     """Sort key that compares runs of digits as numbers: ``layer9`` before ``layer10``."""
-    return tuple((0, int(part), "") if part.isdigit() else (1, 0, part.lower()) for part in re.split(r"(\d+)", name))
+    parts = re.split(r"([0-9]+)", name)
+    return tuple((0, int(part), "") if k % 2 else (1, 0, part.lower()) for k, part in enumerate(parts))
+
+
+def _is_layer(name: str) -> bool:
+    """A PNG file that is no shadow of one (the Finder writes ``._1.png`` and ``__MACOSX/._1.png``)."""
+    return name.lower().endswith(".png") and not PurePosixPath(name).name.startswith("._")
 
 
 def read_folder(path: Path, hints: Hints) -> LayerStack:
     """Every ``.png`` directly in the folder, as a stack that decodes when asked."""
-    names = sorted((p.name for p in path.iterdir() if p.suffix.lower() == ".png"), key=numeric_order)
+    with reading(path):
+        names = sorted((p.name for p in path.iterdir() if _is_layer(p.name) and p.is_file()), key=numeric_order)
 
-    def head(name: str) -> bytes:
-        with (path / name).open("rb") as file:
-            return file.read(HEAD_BYTES)
+    def read(name: str, size: int = -1) -> bytes:
+        with reading(path / name), (path / name).open("rb") as file:
+            return file.read(size)
 
-    return _stack(Source(str(path), names, lambda name: (path / name).read_bytes(), head), hints)
+    return _stack(Source(str(path), names, read, lambda name: read(name, HEAD_BYTES)), hints)
 
 
 def read_zip(path: Path, hints: Hints) -> LayerStack:
     """Every ``.png`` entry of the zip, as a stack that decodes when asked."""
     try:
-        archive = zipfile.ZipFile(path)
-    except zipfile.BadZipFile as problem:
+        with reading(path):
+            archive = zipfile.ZipFile(path)
+    except (zipfile.BadZipFile, ValueError, NotImplementedError) as problem:
         raise InputError(f"{path}: not a zip file ({problem})") from problem
-    names = sorted((n for n in archive.namelist() if n.lower().endswith(".png")), key=numeric_order)
+    names = sorted((n for n in archive.namelist() if _is_layer(n)), key=numeric_order)
 
     def read(name: str, size: int = -1) -> bytes:
         try:
             with archive.open(name) as entry:
                 return entry.read(size)
-        except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError) as problem:
+        except Exception as problem:
+            # zipfile lets through what its decompressors raise: zlib.error, LZMAError, EOFError, OSError …
             raise InputError(f"{path}: entry {name} cannot be read ({problem})") from problem
 
     return _stack(Source(str(path), names, read, lambda name: read(name, HEAD_BYTES)), hints)
@@ -94,7 +103,7 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
                 f"{source.where}: {name} is {head.width} × {head.height} px,"
                 f" {source.names[0]} {first.width} × {first.height} px; all layers have one size"
             )
-    pixel_mm = hints.pixel_mm or first.pixel_mm
+    pixel_mm = hints.pixel_mm or first.pixel_mm or (hints.printer.pixel_mm if hints.printer else None)
     z_mm = _z_mm(heads, hints)
     if pixel_mm is None or z_mm is None:
         missing = " and ".join(w for w, v in (("pixel pitch", pixel_mm), ("layer height", z_mm)) if v is None)
@@ -107,14 +116,21 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
         name = source.names[index]
         return decode_png(source.load(name), f"{source.where}/{name}", (first.width, first.height)).rows
 
-    return LayerStack(first.width, first.height, pixel_mm, z_mm, layer_maker(rows, first.width, z_mm), (x, y))
+    try:
+        return LayerStack(first.width, first.height, pixel_mm, z_mm, layer_maker(rows, first.width, z_mm), (x, y))
+    except InputError as problem:
+        raise InputError(f"{source.where}: {problem}") from problem
 
 
 def _z_mm(heads: list[Head], hints: Hints) -> np.ndarray[Any, np.dtype[np.float64]] | None:
     if hints.layer_mm is not None:
         return layer_bounds_mm(len(heads), hints.layer_mm, hints.first_layer_mm)
     bounds = [head.notes.get("z_mm") for head in heads]
-    return None if None in bounds else np.array(bounds, np.float64).reshape(-1, 2)
+    if None not in bounds:
+        return np.array(bounds, np.float64).reshape(-1, 2)
+    if hints.printer is None:
+        return None
+    return layer_bounds_mm(len(heads), hints.printer.layer_mm, hints.first_layer_mm or hints.printer.first_layer_mm)
 
 
 def _head(where: str, data: bytes) -> Head:
