@@ -6,47 +6,56 @@ import signal
 import sys
 from types import FrameType
 
+# Signals that came. Some libraries swallow whatever their imports raise, so the commands look here too.
+_stopped: list[int] = []
+
 
 class Terminated(BaseException):
     """SIGTERM, as an exception, so that unfinished outputs are cleared away like at Ctrl-C."""
 
 
-def _terminate(signum: int, frame: FrameType | None) -> None:
-    raise Terminated
+def _stop(signum: int, frame: FrameType | None) -> None:
+    _stopped.append(signum)
+    if len(_stopped) == 1:  # a second Ctrl-C must not interrupt the clearing away
+        raise KeyboardInterrupt if signum == signal.SIGINT else Terminated
 
 
 def main() -> None:
     """Run the command line. Exit codes: 0 done, 2 an error that was explained, 130 Ctrl-C, 143 SIGTERM."""
-    signal.signal(signal.SIGTERM, _terminate)
+    for signum in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signum, _stop)
     try:
         code = _run()
-    except (KeyboardInterrupt, Terminated) as stop:  # while still loading
-        code = 143 if isinstance(stop, Terminated) else 130
-    sys.exit(code if isinstance(code, int) else 0)
+    except BaseException:
+        if not _stopped:
+            raise
+        code = 0
+    if _stopped:
+        if _stopped[0] == signal.SIGINT:
+            sys.stderr.write("layerfix: stopped; nothing was written\n")
+        code = 128 + _stopped[0]
+    sys.exit(code)
 
 
-def _run() -> object:
+def _run() -> int:
     import click
 
     from layerfix.cli import layerfix
     from layerfix.errors import LayerfixError
 
-    code: object
     try:
-        code = layerfix.main(prog_name="layerfix", standalone_mode=False)
+        layerfix.main(prog_name="layerfix", standalone_mode=False, obj=_stopped)
+        return 0
+    except click.Abort:
+        return 130
     except click.ClickException as problem:
         problem.show()
-        code = 2
     except LayerfixError as problem:
         click.echo(f"layerfix: {problem}", err=True)
-        code = 2
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("layerfix: stopped; nothing was written", err=True)
-        code = 130
     except BrokenPipeError:
         sys.stderr.close()  # the reader of a pipe has gone; there is nobody to tell
-        code = 1
-    return code
+        return 1
+    return 2
 
 
 if __name__ == "__main__":

@@ -177,11 +177,17 @@ def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    stopped = click.get_current_context().obj
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+        def show(done: int, total: int) -> None:
+            _abort_if(stopped)
+            bar.update(task, completed=done, total=total)
+
+        yield show
 
 
 @contextmanager
@@ -190,8 +196,10 @@ def _kernels_ready() -> Iterator[None]:
     from rich.console import Console
 
     console = Console(stderr=True)
+    stopped = click.get_current_context().obj
     if not console.is_terminal:
         yield
+        _abort_if(stopped)
         return
     import threading
 
@@ -204,6 +212,13 @@ def _kernels_ready() -> Iterator[None]:
     finally:
         timer.cancel()
         status.stop()
+    _abort_if(stopped)
+
+
+def _abort_if(stopped: list[int] | None) -> None:
+    """End the command if a signal came whose exception a library swallowed."""
+    if stopped:
+        raise click.Abort
 
 
 def _table(s: Summary) -> str:

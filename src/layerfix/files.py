@@ -90,11 +90,11 @@ def _swap_in(temporary: Path, path: Path) -> None:
     old = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".old", dir=path.absolute().parent))
     try:
         os.replace(path, old / "was")
-        try:
-            os.replace(temporary, path)
-        except BaseException:  # a signal too: the old folder goes back to its place
+        os.replace(temporary, path)
+    except BaseException:  # a signal too: the old folder goes back to its place
+        if (old / "was").is_dir() and not path.exists():
             os.replace(old / "was", path)
-            raise
+        raise
     finally:
         shutil.rmtree(old, ignore_errors=True)
 

@@ -109,7 +109,7 @@ def load_mesh(path: str | Path, *, unit: str | None = None) -> Mesh:
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     vertices, faces, read_in = _read(path, suffix, unit)
-    loaded = Mesh(vertices, faces, path.name)
+    loaded = Mesh(vertices, faces.astype(np.int32), path.name)
     if not unit:
         _check_plausible(loaded, path, read_in)
     return loaded

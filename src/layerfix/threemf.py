@@ -40,7 +40,7 @@ class _Use:
 class _Model:
     """One model file."""
 
-    mm: float = 1.0
+    unit: str = "millimeter"
     meshes: dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]] = field(default_factory=dict)
     components: dict[str, list[_Use]] = field(default_factory=dict)
     build: list[_Use] = field(default_factory=list)
@@ -73,7 +73,10 @@ def read_3mf(path: Path, unit: str | None) -> tuple[NDArray[np.float64], NDArray
                 vertices.append(points)
         if not faces:
             raise InputError(f"{path}: no triangles: the file has nothing to build")
-        mm = mm_per_unit(unit) if unit else model(root).mm
+        try:
+            mm = mm_per_unit(unit or model(root).unit)
+        except InputError as problem:
+            raise InputError(f"{path}: {problem}") from problem
         return np.concatenate(vertices) * mm, np.concatenate(faces)
 
 
@@ -108,7 +111,7 @@ def _parse(stream: IO[bytes], part: str) -> _Model:
         kind = etree.QName(element).localname
         if event == "start":
             if kind == "model":
-                found.mm = mm_per_unit(element.get("unit", "millimeter"))
+                found.unit = element.get("unit", "millimeter")
             continue
         if kind == "mesh":
             mesh = _mesh(element)
@@ -145,9 +148,7 @@ def _placed(
         raise InputError(f"{path}: not a readable .3mf mesh: object {use.object_id} is part of itself")
     file = model(use.part)
     if use.object_id not in file.meshes and use.object_id not in file.components:
-        raise InputError(
-            f"{path}: not a readable .3mf mesh: object {use.object_id}, which is to be built, is missing"
-        )
+        raise InputError(f"{path}: not a readable .3mf mesh: object {use.object_id} is missing")
     inner = [file.meshes[use.object_id]] if use.object_id in file.meshes else []
     for component in file.components.get(use.object_id, []):
         inner += _placed(path, model, component, depth + 1)

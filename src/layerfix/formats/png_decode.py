@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import io
 import struct
+import warnings
 import zlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -283,7 +284,8 @@ def _by_pillow(data: bytes, where: str) -> NDArray[np.uint8]:
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data)) as image:
+        with warnings.catch_warnings(), Image.open(io.BytesIO(data)) as image:
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is the panel's: checked
             if image.mode.startswith("I"):  # 16-bit grey
                 return (np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
             return np.asarray(image.convert("L"))

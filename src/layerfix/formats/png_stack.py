@@ -136,7 +136,7 @@ def _z_mm(heads: list[Head], hints: Hints) -> np.ndarray[Any, np.dtype[np.float6
 def _head(where: str, data: bytes) -> Head:
     """Width, height, pitch and our notes from the first bytes of a PNG. Raises InputError if it is none."""
     if data[:8] != SIGNATURE or data[12:16] != b"IHDR" or len(data) < 33:
-        raise InputError(f"{where}: not a PNG image")
+        raise InputError(f"{where}: not a readable PNG image")
     width, height = struct.unpack(">II", data[16:24])
     pixel_mm: tuple[float, float] | None = None
     notes: dict[str, Any] = {}
