@@ -68,7 +68,9 @@ class Layer:
             )
         if self.width % 64 and len(rows) and (rows[:, -1] >> np.uint64(self.width % 64)).any():
             raise InputError(f"a layer {self.width} px wide has bits set past its width")
+        rows = np.ascontiguousarray(rows)  # as the kernels need it; a copy only if it was not
         rows.flags.writeable = False
+        object.__setattr__(self, "rows", rows)
 
     @property
     def height(self) -> int:
@@ -109,11 +111,16 @@ class LayerStack(Sequence[Layer]):
         z = np.array(self.z_mm, np.float64).reshape(-1, 2) if np.size(self.z_mm) == 0 else np.array(self.z_mm, float)
         if self.width < 1 or self.height < 1:
             raise InputError(f"a frame of {self.width} × {self.height} px holds nothing")
-        if z.ndim != 2 or z.shape[1] != 2 or not np.isfinite(z).all():
+        if z.ndim != 2 or z.shape[1] != 2:
             raise InputError(f"z_mm has shape {z.shape}; it is (layers, 2): bottom and top")
-        if not (np.all(z[:, 1] > z[:, 0]) and np.all(z[1:, 0] >= z[:-1, 1] - 1e-6)):
+        wrong = ~np.isfinite(z).all(axis=1) | ~(z[:, 1] > z[:, 0])
+        wrong[1:] |= ~(z[1:, 0] >= z[:-1, 1] - 1e-6)
+        if wrong.any():
+            k = int(np.flatnonzero(wrong)[0])
+            below = f" on one that ends at {z[k - 1, 1]:g}" if k else ""
             raise InputError(
-                "z_mm does not rise: each layer's top is above its bottom, and no layer overlaps the next"
+                f"z_mm of layer {k} is {z[k, 0]:g} to {z[k, 1]:g}{below}: a layer's top is above its bottom,"
+                " and layers do not overlap"
             )
         if self.workers < 0:
             raise InputError(f"workers={self.workers}: at least 1, or 0 for one per core")

@@ -61,7 +61,10 @@ def read_3mf(path: Path, unit: str | None) -> tuple[NDArray[np.float64], NDArray
                 if key not in names:
                     raise InputError(f"{path}: not a readable .3mf mesh: its file {part} is missing")
                 with archive.open(names[key]) as stream:
-                    models[key] = _parse(stream, part)
+                    try:
+                        models[key] = _parse(stream, part)
+                    except InputError as problem:
+                        raise InputError(f"{path}: not a readable .3mf mesh: {problem}") from problem
             return models[key]
 
         root = _root(archive, names)
@@ -131,7 +134,10 @@ def _parse(stream: IO[bytes], part: str) -> _Model:
 def _mesh(element: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     points = [(float(v.get("x")), float(v.get("y")), float(v.get("z"))) for v in element.iter("{*}vertex")]
     triangles = [(int(t.get("v1")), int(t.get("v2")), int(t.get("v3"))) for t in element.iter("{*}triangle")]
-    return np.array(points, np.float64).reshape(-1, 3), np.array(triangles, np.int64).reshape(-1, 3)
+    faces = np.array(triangles, np.int64).reshape(-1, 3)
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(points)):
+        raise InputError(f"a triangle names vertex {faces.max()} of {len(points)}")
+    return np.array(points, np.float64).reshape(-1, 3), faces
 
 
 def _use(element: Any, part: str) -> _Use:

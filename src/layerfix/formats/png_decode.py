@@ -284,8 +284,7 @@ def _by_pillow(data: bytes, where: str) -> NDArray[np.uint8]:
     from PIL import Image
 
     try:
-        with warnings.catch_warnings(), Image.open(io.BytesIO(data)) as image:
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is the panel's: checked
+        with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data)) as image:  # its size is checked
             if image.mode.startswith("I"):  # 16-bit grey
                 return (np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
             return np.asarray(image.convert("L"))
