@@ -128,7 +128,7 @@ def correct(
             layer.rows, layer.width, half_widths, max(rx, ry), add_only, True, px_mm, py_mm
         )
         solid, added, removed = counts
-        change = Change(solid, added, removed, thinnest if np.isfinite(thinnest) else None)
+        change = Change(solid, added, removed, thinnest if np.isfinite(thinnest) else None, (rx, ry))
         return replace(layer, rows=rows, change=change)
 
     return stack.map(corrected)

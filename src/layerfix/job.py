@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from layerfix.correction import correct, feature_radius_px
 from layerfix.errors import InputError, OutputError
 from layerfix.files import check_target, whole_file
-from layerfix.formats import format_for, read
+from layerfix.formats import format_for, read, write
 from layerfix.mesh import SUFFIXES, load_mesh
 from layerfix.pictures import before_after
 from layerfix.slicing import slice_mesh
@@ -74,7 +74,7 @@ def fix(
 ) -> Summary:
     """Correct `source` (a mesh, a folder or a zip of images) into `target`.
 
-    progress is called with (layers done, layers in all), from several threads.
+    progress is called with (layers done, layers in all).
     Raises InputError and OutputError before any work where it can; then nothing is written.
     """
     started = time.perf_counter()
@@ -85,12 +85,11 @@ def fix(
     fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.workers)
     done: list[Layer] = []
 
-    def watched(layer: Layer) -> Layer:
-        done.append(_facts(layer))
-        progress(len(done), len(fixed))
-        return layer
+    def watch(index: int, layer: Layer) -> None:
+        done.append(layer)
+        progress(index + 1, len(fixed))
 
-    format_for(target).write(target, fixed.map(watched), force=options.force, bits=options.bits)
+    write(target, fixed, options.printer, force=options.force, bits=options.bits, watch=watch)
     summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started)
     if options.picture:
         draw_layer(stack, fixed, summary.most_changed_layer, options.picture, force=options.force)
@@ -174,13 +173,6 @@ def _check_size(mesh: Mesh, printer: Printer | None, min_feature_mm: float) -> N
         )
 
 
-def _facts(layer: Layer) -> Layer:
-    """The layer without its pixels, so that keeping it costs nothing."""
-    from dataclasses import replace
-
-    return replace(layer, rows=layer.rows[:0].copy())
-
-
 def _add_up(
     source: Path,
     target: Path,
@@ -190,8 +182,7 @@ def _add_up(
     done: list[Layer],
     started: float,
 ) -> Summary:
-    layers = sorted(done, key=lambda layer: layer.z_mm)
-    changes = [(layer, layer.change) for layer in layers if layer.change is not None]
+    changes = [(layer, layer.change) for layer in done if layer.change is not None]
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
 
     def volume(pick: Callable[[int], int]) -> float:
@@ -204,12 +195,12 @@ def _add_up(
         ((c.thinnest_mm, layer.z_mm[0]) for layer, c in changes if c.thinnest_mm is not None),
         default=(None, None),
     )
-    gaps = [layer.gaps for layer in layers if layer.gaps is not None]
+    gaps = [layer.gaps for layer in done if layer.gaps is not None]
     turned = [c.added_px + c.removed_px for _, c in changes]
     return Summary(
         source=str(source),
         target=str(target),
-        layers=len(layers),
+        layers=len(done),
         size_px=(stack.width, stack.height),
         pixel_mm=stack.pixel_mm,
         min_feature_mm=min_feature_mm,

@@ -31,6 +31,7 @@ class Change:
     added_px: int
     removed_px: int
     thinnest_mm: float | None
+    radius_px: tuple[float, float] = (0.0, 0.0)  # (rx, ry) of F
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Layer:
     z_mm    (bottom, top)
     change  what `correct` did, if it was this layer's last step
     gaps    what `slice_mesh` closed, if anything
+    source  what the layer was decoded from, for a writer that keeps what it can of it
     """
 
     rows: Rows
@@ -57,6 +59,7 @@ class Layer:
     z_mm: tuple[float, float]
     change: Change | None = None
     gaps: Gaps | None = None
+    source: Any = None
 
     def __post_init__(self) -> None:
         """Raises InputError unless `rows` keeps the contract; marks it read-only."""
@@ -96,6 +99,9 @@ class LayerStack(Sequence[Layer]):
     z_mm           (layers, 2) float64: bottom and top of each layer, rising
     make           layer index → Layer; pure, called from several threads at once
     workers        threads that make layers; the bits do not depend on it
+    repeats        (layers,) bool, True where a layer is the same as the one below, pixel by pixel (common in
+                   jobs); None where nobody knows
+    container      the job file the layers come from, for a writer of the same format
     """
 
     width: int
@@ -105,6 +111,8 @@ class LayerStack(Sequence[Layer]):
     make: Callable[[int], Layer]
     origin_mm: tuple[float, float] = (0.0, 0.0)
     workers: int = 0
+    repeats: NDArray[np.bool_] | None = None
+    container: Any = None
 
     def __post_init__(self) -> None:
         """Raises InputError for an empty frame, a pitch that is not above 0, z's that do not rise."""
@@ -168,7 +176,12 @@ class LayerStack(Sequence[Layer]):
             if chosen.step < 0:
                 raise InputError("a stack is ordered from the bottom: slice it with a positive step")
             make = self.make
-            return replace(self, z_mm=self.z_mm[index], make=lambda i: make(chosen[i]))
+            repeats = self.repeats[index].copy() if self.repeats is not None and chosen.step == 1 else None
+            if repeats is not None and len(repeats):
+                repeats[0] = False
+            return replace(
+                self, z_mm=self.z_mm[index], make=lambda i: make(chosen[i]), repeats=repeats, container=None
+            )
         if not -len(self) <= index < len(self):
             raise IndexError(f"layer {index} of {len(self)}")
         return self.make(index % len(self))
@@ -185,20 +198,28 @@ class LayerStack(Sequence[Layer]):
         """The same layers, made by so many threads (0: one per core)."""
         return replace(self, workers=workers)
 
-    def each(self, use: Callable[[Layer], Result]) -> Generator[Result]:
+    def each(self, use: Callable[[Layer], Result], *, once: bool = False) -> Generator[Result]:
         """Yield `use` of every layer in order. Layers are made and used in threads, and at most two per
-        worker are ahead of the reader, so memory depends on the layer's size, not on their number."""
+        worker are ahead of the reader, so memory depends on the layer's size, not on their number.
+
+        once  for a `use` that looks at pixels only: layers that repeat the one below yield its result again
+        """
         workers = self.workers or _cores()
+        repeats = self.repeats if once and self.repeats is not None else np.zeros(len(self), np.bool_)
         make = self.make
         if workers == 1 or len(self) < 2:
             for i in range(len(self)):
-                yield use(make(i))
+                if not repeats[i]:
+                    result = use(make(i))
+                yield result
             return
         ahead: deque[Future[Result]] = deque()
         with ThreadPoolExecutor(workers, thread_name_prefix="layers") as pool:
             try:
                 for i in range(len(self)):
-                    ahead.append(pool.submit(lambda i: use(make(i)), i))
+                    if not repeats[i]:
+                        future = pool.submit(lambda i: use(make(i)), i)
+                    ahead.append(future)
                     if len(ahead) > 2 * workers:
                         yield ahead.popleft().result()
                 while ahead:

@@ -4,29 +4,19 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from layerfix.errors import InputError, OutputError
 from layerfix.files import reading
 from layerfix.formats import png_stack
+from layerfix.formats.options import Hints, WriteOptions
 from layerfix.mesh import SUFFIXES as MESH_SUFFIXES
 from layerfix.stack import LayerStack, pitch_mm
 
 if TYPE_CHECKING:
+    from layerfix.formats.encoding import Watch
     from layerfix.printers import Printer
-
-
-@dataclass(frozen=True)
-class Hints:
-    """What a container may not say about its layers. What is given here wins over the file, and the file over
-    the printer."""
-
-    printer: Printer | None = None
-    pixel_mm: tuple[float, float] | None = None
-    layer_mm: float | None = None
-    first_layer_mm: float | None = None
 
 
 class Format(NamedTuple):
@@ -35,7 +25,7 @@ class Format(NamedTuple):
     suffix: str
     name: str
     read: Callable[[Path, Hints], LayerStack]
-    write: Callable[..., None]
+    write: Callable[[Path, LayerStack, WriteOptions], None]
 
 
 FORMATS = (
@@ -79,17 +69,24 @@ def read(
 
 
 def write(
-    path: str | Path, stack: LayerStack, printer: Printer | None = None, *, force: bool = False, bits: int = 8
+    path: str | Path,
+    stack: LayerStack,
+    printer: Printer | None = None,
+    *,
+    force: bool = False,
+    bits: int = 8,
+    watch: Watch | None = None,
 ) -> None:
     """Write a stack in the format that the suffix names; a path without a suffix is a folder of PNG images.
 
     force   replace what is there
     bits    1 or 8, for PNG images
+    watch   told of each layer in order: its index, and the layer without its pixels
     Raises OutputError for an unknown suffix, an existing target without `force`, and whatever the system
     refuses; then nothing is left behind.
     """
     path = Path(path)
-    format_for(path).write(path, stack, force=force, bits=bits)
+    format_for(path).write(path, stack, WriteOptions(printer, force, bits, watch))
 
 
 def format_for(path: Path) -> Format:

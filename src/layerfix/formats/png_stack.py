@@ -19,12 +19,13 @@ import numpy as np
 
 from layerfix.errors import InputError
 from layerfix.files import reading, whole_file, whole_folder
+from layerfix.formats.encoding import encoded
 from layerfix.formats.png import SIGNATURE, encode_png
 from layerfix.formats.png_decode import decode_png
 from layerfix.stack import Layer, LayerStack, layer_bounds_mm, layer_maker
 
 if TYPE_CHECKING:
-    from layerfix.formats import Hints
+    from layerfix.formats.options import Hints, WriteOptions
 
 TEXT_KEY = "layerfix"
 HEAD_BYTES = 1024  # IHDR, pHYs and our tEXt come first and are shorter than this
@@ -182,15 +183,17 @@ def layer_name(index: int) -> str:
     return f"{index:05}.png"
 
 
-def write_folder(path: Path, stack: LayerStack, *, force: bool, bits: int) -> None:
+def write_folder(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     """One PNG a layer into a new folder."""
-    with whole_folder(path, force=force) as folder:
-        for index, data in enumerate(stack.each(_encoder(stack, bits))):
+    images = encoded(stack, _encoder(stack, options.bits), options.watch, once=False)
+    with whole_folder(path, force=options.force) as folder:
+        for index, data in enumerate(images):
             (folder / layer_name(index)).write_bytes(data)
 
 
-def write_zip(path: Path, stack: LayerStack, *, force: bool, bits: int) -> None:
+def write_zip(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     """One PNG a layer into a zip, stored: a PNG does not shrink again."""
-    with whole_file(path, force=force) as file, zipfile.ZipFile(file, "w") as archive:
-        for index, data in enumerate(stack.each(_encoder(stack, bits))):
+    images = encoded(stack, _encoder(stack, options.bits), options.watch, once=False)
+    with whole_file(path, force=options.force) as file, zipfile.ZipFile(file, "w") as archive:
+        for index, data in enumerate(images):
             archive.writestr(zipfile.ZipInfo(layer_name(index), A_LONG_TIME_AGO), data)

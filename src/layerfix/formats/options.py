@@ -1,0 +1,37 @@
+"""What a user may say about a file that is read or written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from layerfix.formats.encoding import Watch
+    from layerfix.printers import Printer
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What a container may not say about its layers. What is given here wins over the file, and the file over
+    the printer.
+
+    threshold   grey value from which a pixel counts as solid
+    grey_floor  grey value from which a stroke counts that never reaches `threshold`; 0 to ignore such strokes
+    """
+
+    printer: Printer | None = None
+    pixel_mm: tuple[float, float] | None = None
+    layer_mm: float | None = None
+    first_layer_mm: float | None = None
+    threshold: int = 128
+    grey_floor: int = 32
+
+
+@dataclass(frozen=True)
+class WriteOptions:
+    """How to write: for which printer, over an existing target or not, PNG bits a pixel, and who watches."""
+
+    printer: Printer | None = None
+    force: bool = False
+    bits: int = 8
+    watch: Watch | None = None
