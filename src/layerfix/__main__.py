@@ -32,7 +32,7 @@ def main() -> None:
         code = 0
     if _stopped:
         if _stopped[0] == signal.SIGINT:
-            sys.stderr.write("layerfix: stopped; nothing was written\n")
+            sys.stderr.write("layerfix: stopped\n")
         code = 128 + _stopped[0]
     sys.exit(code)
 

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from layerfix.errors import OutputError
-from layerfix.files import check_target
+from layerfix.files import whole_folder
 from layerfix.formats import write
 from layerfix.job import Options, Summary, fix
 from layerfix.mesh import save_stl
@@ -25,31 +24,22 @@ def run_demo(
 ) -> Summary:
     """Write the test part, its layers before and after, and a picture into `folder`.
 
-    Raises OutputError if `folder` holds anything and `force` is not given.
+    Raises OutputError if `folder` holds anything and `force` is not given, or anything but a demo.
     """
     started = time.perf_counter()
-    _make_room(folder, force)
     printer = load_printer(PRINTER)
     part = sample("test-part")
     mesh = part.mesh()
-    save_stl(folder / PART, mesh, force=force)
-    # The part's own layer height, so that the file, the images and the picture agree.
-    options = Options(printer=printer, layer_mm=part.layer_mm, force=force, picture=folder / PICTURE)
-    summary = fix(folder / PART, folder / AFTER, options, progress)
-    before = slice_mesh(mesh, pixel_mm=printer.pixel_mm, layer_mm=part.layer_mm, margin_mm=printer.min_feature_mm)
-    write(folder / BEFORE, before, force=force)
-    return replace(summary, seconds=time.perf_counter() - started)
-
-
-def _make_room(folder: Path, force: bool) -> None:
-    """Create `folder`, or check that it may be filled."""
-    if not folder.exists():
-        check_target(folder, force=force)
-        folder.mkdir()
-    elif not folder.is_dir():
-        raise OutputError(f"{folder}: is a file; the demo fills a folder")
-    elif any(folder.iterdir()) and not force:
-        raise OutputError(f"{folder}: exists already and is not empty; use --force to replace the demo in it")
+    with whole_folder(folder, force=force, ours=lambda path: path.name in (PART, BEFORE, AFTER, PICTURE)) as work:
+        save_stl(work / PART, mesh)
+        # The part's own layer height, so that the file, the images and the picture agree.
+        options = Options(printer=printer, layer_mm=part.layer_mm, picture=work / PICTURE)
+        summary = fix(work / PART, work / AFTER, options, progress)
+        before = slice_mesh(mesh, pixel_mm=printer.pixel_mm, layer_mm=part.layer_mm, margin_mm=printer.min_feature_mm)
+        write(work / BEFORE, before)
+    return replace(
+        summary, source=str(folder / PART), target=str(folder / AFTER), seconds=time.perf_counter() - started
+    )
 
 
 def what_to_look_at(folder: Path) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -13,11 +13,15 @@ from typing import BinaryIO
 from layerfix.errors import InputError, OutputError
 
 
-def check_target(path: Path, *, force: bool) -> None:
+def _is_image(path: Path) -> bool:
+    return path.suffix.lower() == ".png" and not path.is_dir()
+
+
+def check_target(path: Path, *, force: bool, ours: Callable[[Path], bool] = _is_image) -> None:
     """Raises OutputError if `path` exists and may not be replaced, or its folder cannot be written to."""
     if path.is_dir() and not path.is_symlink():
         if any(path.iterdir()):
-            _check_replaceable(path, force)
+            _check_replaceable(path, force, ours)
     elif os.path.lexists(path) and not force:
         raise OutputError(f"{path}: exists already; use --force to replace it")
     parent = path.absolute().parent
@@ -27,10 +31,10 @@ def check_target(path: Path, *, force: bool) -> None:
         raise OutputError(f"{path}: the folder {parent} cannot be written to")
 
 
-def _check_replaceable(folder: Path, force: bool) -> None:
+def _check_replaceable(folder: Path, force: bool, ours: Callable[[Path], bool]) -> None:
     if not force:
         raise OutputError(f"{folder}: exists already and is not empty; use --force to replace it")
-    strange = next((p for p in folder.iterdir() if p.is_dir() or p.suffix.lower() != ".png"), None)
+    strange = next((p for p in folder.iterdir() if not ours(p)), None)
     if strange is not None:
         raise OutputError(
             f"{folder}: holds '{strange.name}', which layerfix did not write; choose another folder or empty this one"
@@ -63,9 +67,12 @@ def whole_file(path: Path, *, force: bool) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def whole_folder(path: Path, *, force: bool) -> Iterator[Path]:
-    """A new folder to write into; it takes the place of `path` when the block ends without an error."""
-    check_target(path, force=force)
+def whole_folder(path: Path, *, force: bool, ours: Callable[[Path], bool] = _is_image) -> Iterator[Path]:
+    """A new folder to write into; it takes the place of `path` when the block ends without an error.
+
+    ours  which files and folders may be lost with a folder that is replaced
+    """
+    check_target(path, force=force, ours=ours)
     if os.path.lexists(path) and not path.is_dir():
         raise OutputError(f"{path}: is a file; a folder is to be written there")
     temporary: Path | None = None

@@ -135,7 +135,7 @@ def _check_paths(source: Path, target: Path, options: Options) -> None:
     picture = options.picture
     if picture:
         if picture.suffix.lower() != ".png":
-            raise OutputError(f"{picture}: the picture is a .png file; is this the input or the output?")
+            raise OutputError(f"{picture}: the picture is written as PNG; call it .png")
         _check_apart(picture, source)
         if picture.absolute() == target.absolute() or target.absolute() in picture.absolute().parents:
             raise OutputError(f"{picture}: is where the output goes; choose another place for the picture")

@@ -97,7 +97,8 @@ def load_mesh(path: str | Path, *, unit: str | None = None) -> Mesh:
     """Read STL (ASCII, binary), OBJ, PLY, OFF, 3MF (all build items) or GLB as one Mesh in mm.
 
     `unit` is what one unit of the file is ("mm", "in", "m", …). Without it: what a 3MF says, metres for
-    GLB (its specification says so), mm for the others, and a longest side outside 2 mm … 2.5 m is an error.
+    GLB (its specification says so, and that y is up), mm for the others; but for 3MF a longest side outside
+    2 mm … 2.5 m is an error.
     Raises InputError naming the file for a missing, unreadable, empty or implausible one.
     """
     path = Path(path)
@@ -110,7 +111,7 @@ def load_mesh(path: str | Path, *, unit: str | None = None) -> Mesh:
         raise InputError(f"{path}: no such file")
     vertices, faces, read_in = _read(path, suffix, unit)
     loaded = Mesh(vertices, faces.astype(np.int32), path.name)
-    if not unit:
+    if not unit and suffix != ".3mf":  # which says its unit, and means it
         _check_plausible(loaded, path, read_in)
     return loaded
 
@@ -138,7 +139,10 @@ def _read(path: Path, suffix: str, unit: str | None) -> tuple[NDArray[np.float64
         reason = " ".join(str(problem).split()) or type(problem).__name__
         raise InputError(f"{path}: not a readable {suffix} mesh ({reason[:160]})") from problem
     read_in = unit or scene.units or "mm"
-    return np.asarray(mesh.vertices) * mm_per_unit(read_in), np.asarray(mesh.faces), read_in
+    vertices = np.asarray(mesh.vertices) * mm_per_unit(read_in)
+    if suffix in (".glb", ".gltf"):
+        vertices = vertices[:, [0, 2, 1]] * (1, -1, 1)  # glTF has y up, printers z
+    return vertices, np.asarray(mesh.faces), read_in
 
 
 def _check_off(path: Path) -> None:

@@ -47,7 +47,7 @@ class _Model:
 
 
 def read_3mf(path: Path, unit: str | None) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """(vertices (n, 3) in mm, faces (m, 3)) of all build items; `unit` replaces that of the file.
+    """(vertices (n, 3) in mm, faces (m, 3)) of all printable build items; `unit` replaces that of the file.
 
     Raises InputError, zipfile.BadZipFile and lxml's syntax errors for what is no 3MF.
     """
@@ -126,7 +126,7 @@ def _parse(stream: IO[bytes], part: str) -> _Model:
             found.components[object_id] = [_use(c, part) for c in element.iter("{*}component")]
             mesh = None
             element.clear()
-        elif kind == "item":
+        elif kind == "item" and element.get("printable", "1") != "0":
             found.build.append(_use(element, part))
     return found
 

@@ -48,44 +48,43 @@ def edges_balance(points, faces):  # type: ignore[no-untyped-def]
     return total == np.uint64(0)
 
 
+@njit
+def _root(parent, parity, f):  # type: ignore[no-untyped-def]
+    """(root of f, whether f is turned against it); halves the path on the way."""
+    turned = False
+    while parent[f] != f:
+        up = parent[f]
+        if parent[up] != up:
+            parity[f] ^= parity[up]
+            parent[f] = parent[up]
+        turned ^= parity[f]
+        f = parent[f]
+    return f, turned
+
+
 @njit(types.Array(types.boolean, 1, "C")(EDGES, types.int64), cache=True, nogil=True)
 def _faces_to_flip(pairs, faces):  # type: ignore[no-untyped-def]
-    """Union–find with parity over (face, face, same direction) rows; True for each patch's minority."""
+    """Union–find by size, with parity, over (face, face, same direction) rows; True for each patch's minority."""
     parent = np.arange(faces)
     parity = np.zeros(faces, np.bool_)
+    size = np.ones(faces, np.int64)
     for p in range(pairs.shape[0]):
-        roots = np.empty(2, np.int64)
-        odd = pairs[p, 2] == 1
-        for side in range(2):
-            f = pairs[p, side]
-            root, flips = f, False
-            while parent[root] != root:
-                flips ^= parity[root]
-                root = parent[root]
-            while parent[f] != root and f != root:  # compress the path
-                f_parent, f_parity = parent[f], parity[f]
-                parent[f], parity[f] = root, flips
-                flips ^= f_parity
-                f = f_parent
-            roots[side] = root
-            f = pairs[p, side]
-            odd ^= parity[f] if f != root else False
-        if roots[0] != roots[1]:
-            parent[roots[0]], parity[roots[0]] = roots[1], odd
+        a, a_turned = _root(parent, parity, pairs[p, 0])
+        b, b_turned = _root(parent, parity, pairs[p, 1])
+        if a == b:
+            continue
+        if size[a] > size[b]:
+            a, b = b, a
+        parent[a] = b
+        parity[a] = a_turned ^ b_turned ^ (pairs[p, 2] == 1)
+        size[b] += size[a]
     flip = np.zeros(faces, np.bool_)
     count = np.zeros(faces, np.int64)
     for f in range(faces):
-        root, flips = f, False
-        while parent[root] != root:
-            flips ^= parity[root]
-            root = parent[root]
-        flip[f] = flips
-        count[root] += -1 if flips else 1
+        root, flip[f] = _root(parent, parity, f)
+        count[root] += -1 if flip[f] else 1
     for f in range(faces):
-        root = f
-        while parent[root] != root:
-            root = parent[root]
-        if count[root] < 0:
+        if count[_root(parent, parity, f)[0]] < 0:
             flip[f] = not flip[f]
     return flip
 

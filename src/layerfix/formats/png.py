@@ -273,3 +273,17 @@ def encode_png(
     chunks += [_chunk(b"tEXt", key.encode("latin-1") + b"\0" + value.encode("latin-1"))
                for key, value in (text or {}).items()]  # fmt: skip
     return b"".join([SIGNATURE, *chunks, _chunk(b"IDAT", stream), _chunk(b"IEND", b"")])
+
+
+def encode_grey_png(image: NDArray[np.uint8]) -> bytes:
+    """A PNG of an 8-bit grey image (H, W), Up filter."""
+    from isal import isal_zlib
+
+    height, width = image.shape
+    lines = np.empty((height, 1 + width), np.uint8)
+    lines[:, 0] = UP
+    lines[0, 1:] = image[0]
+    np.subtract(image[1:], image[:-1], out=lines[1:, 1:])
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    stream = isal_zlib.compress(lines.data, 1)
+    return SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", stream) + _chunk(b"IEND", b"")

@@ -1,0 +1,167 @@
+"""`Change.thinnest_mm`: the width of the narrowest thing that needed help, within a pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from layerfix import LayerStack, correct, correct_image, meso_skeleton
+from tests import slow_twin
+from tests.pictures_as_text import block, framed, images, round_dot, strip
+
+ANGLES = np.arange(0, 90.1, 7.5)
+SQUARE, PANEL = (1.0, 1.0), (0.019, 0.024)
+
+
+def thinnest_mm(image: np.ndarray, min_feature_mm: float, pixel_mm: tuple[float, float] = SQUARE) -> float | None:
+    """What `correct` says about one layer; the same in both modes."""
+    stack = LayerStack.from_images([image], pixel_mm=pixel_mm, layer_mm=0.05)
+    said = {correct(stack, min_feature_mm=min_feature_mm, mode=mode)[0].change.thinnest_mm for mode in
+            ("as_printed", "add_only")}  # fmt: skip
+    assert len(said) == 1
+    return said.pop()
+
+
+@pytest.mark.parametrize("degrees", ANGLES)
+@pytest.mark.parametrize("width", range(3, 10))
+def test_a_wall_in_any_direction_is_as_wide_as_it_is_drawn(width, degrees):
+    """3 to 9 px at every 7.5°, measured within a pixel (and a little more where pixels lie corner to corner)."""
+    assert thinnest_mm(strip(width, degrees), 14) == pytest.approx(width, abs=1.1)
+
+
+@pytest.mark.parametrize("pixel", [PANEL, PANEL[::-1]], ids=["19x24", "24x19"])
+@pytest.mark.parametrize("degrees", ANGLES)
+@pytest.mark.parametrize("width", range(3, 10))
+def test_pixels_that_are_not_square_are_measured_in_mm(width, degrees, pixel):
+    """19 × 24 µm pixels: within 24 µm of the wall as drawn, at every 7.5°."""
+    image = strip(width * 0.024, degrees, length=80 * 0.019, pixel=pixel)
+    assert thinnest_mm(image, 14 * 0.024, pixel) == pytest.approx(width * 0.024, abs=0.024)
+
+
+@given(
+    st.floats(2.5, 10),
+    st.floats(0, 180),
+    st.sampled_from([SQUARE, PANEL, PANEL[::-1], (0.05, 0.05)]),
+    st.floats(1.2, 2),
+)
+def test_any_wall_within_a_pixel(width, degrees, pixel, wider):
+    """Any width and angle: within a pixel, the longer side counts."""
+    unit = max(pixel)
+    image = strip(width * unit, degrees, length=80 * min(pixel), pixel=pixel)
+    said = thinnest_mm(image, max(2, width * wider) * unit + 2 * unit, pixel)
+    assert said == pytest.approx(width * unit, abs=1.1 * unit)  # 1.07 at 45°, where rows of pixels lie 0.7 px apart
+
+
+@pytest.mark.parametrize("width", range(1, 8))
+@pytest.mark.parametrize("turned", [np.asarray, np.transpose], ids=["lying", "standing"])
+def test_a_straight_wall_is_measured_to_the_pixel(width, turned):
+    """Along the pixel grid nothing is lost to rounding, also not in a wall across words."""
+    assert thinnest_mm(turned(block(width, 150, 12)), 10) == width
+
+
+@pytest.mark.parametrize("diameter", [1, 3, 5, 7, 9])
+def test_a_pin_is_as_wide_as_it_is_drawn(diameter):
+    """Round pins within a pixel; one of a single pixel is one pixel."""
+    said = thinnest_mm(round_dot(diameter / 2, 41), 12)
+    assert said == pytest.approx(diameter, abs=1)
+    assert diameter > 1 or said == 1
+
+
+@pytest.mark.parametrize("width", [30, 50, 61, 62, 63, 64, 70, 90])
+@pytest.mark.parametrize("turned", [np.asarray, np.transpose], ids=["lying", "standing"])
+def test_a_wall_of_many_pixels_is_measured_too(width, turned):
+    """1 mm in pixels of 10 µm is 100 px: a wall of 90 px is too thin for it, and reported as 90 px."""
+    assert thinnest_mm(turned(block(width, 260, 60)), 100) == width
+
+
+def test_a_pin_of_one_panel_pixel_is_its_shorter_side():
+    """One pixel of 19 × 24 µm is 19 µm thin."""
+    assert thinnest_mm(block(1, 1, 20), 0.3, PANEL) == pytest.approx(0.019)
+
+
+@pytest.mark.parametrize("side", [2, 3, 4, 6])
+def test_a_square_pin_is_as_wide_as_its_side(side):
+    """Not as its diagonal."""
+    assert thinnest_mm(block(side, side, 12), 10) == pytest.approx(side, abs=1)
+
+
+def test_the_narrowest_of_several_counts():
+    """A 3 px wall among walls of 6 and 8 px and a wide block, wherever it is."""
+    for at in (5, 40, 70):
+        image = np.zeros((110, 200), bool)
+        for y, width in zip((5, 40, 70), (8, 6, 6), strict=True):
+            image[y : y + (3 if y == at else width), 15:185] = True
+        image[88:105, 20:180] = True
+        assert thinnest_mm(image, 11) == 3
+
+
+def test_a_neck_is_the_narrowest_place():
+    """Two wide parts joined by a 2 px neck."""
+    image = framed(np.zeros((30, 90), bool), 4)
+    image[4:34, 4:34] = image[4:34, 60:90] = True
+    image[20:22, 34:60] = True
+    assert thinnest_mm(image, 9) == 2
+
+
+def test_a_wall_at_the_frames_edge_ends_there():
+    """Outside the frame is empty, so the frame's edge is a side of the wall."""
+    image = np.zeros((40, 130), bool)
+    image[:, :3] = True
+    assert thinnest_mm(image, 9) == 3
+    assert thinnest_mm(image.T.copy(), 9) == 3
+    assert thinnest_mm(image[:, ::-1].copy(), 9) == 3
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        block(30, 30, 6),
+        block(9, 60, 6),
+        round_dot(16, 45),
+        round_dot(30, 75) & ~round_dot(12, 75),
+        np.zeros((30, 30), bool),
+        np.ones((30, 130), bool),
+    ],
+    ids=["block", "just wide enough", "disc", "wide ring", "empty", "full"],
+)
+def test_nothing_thin_is_none(image):
+    """Where every place holds the feature of 8 px there is nothing to report."""
+    assert thinnest_mm(image, 8) is None
+
+
+@pytest.mark.parametrize("degrees", np.arange(0, 90, 7.5))
+def test_the_corners_of_a_wide_block_are_not_thin(degrees):
+    """A block of 36 px, turned any way, although paths run into some corners."""
+    assert thinnest_mm(strip(36, degrees, length=36), 12) is None
+
+
+def test_a_wall_wide_enough_is_none_and_one_too_thin_is_not():
+    """F of diameter 8 px (radius 4) fits into a wall of 9 px, and not into one of 7."""
+    assert thinnest_mm(block(9, 60, 8), 8) is None
+    assert thinnest_mm(block(7, 60, 8), 8) == 7
+
+
+@settings(max_examples=150)
+@given(images(heights=st.integers(1, 60), widths=st.integers(1, 150)), st.floats(1, 6))
+def test_it_is_none_without_a_skeletal_path_and_else_between_a_pixel_and_the_feature(image, radius):
+    """On anything: at least a pixel and, give or take two, at most the feature."""
+    assume(2 * radius <= max(image.shape))
+    said = thinnest_mm(image, 2 * radius)
+    path = meso_skeleton(image, radius) & ~slow_twin.erosion(image, radius, radius)
+    if not path.any():
+        assert said is None
+    if said is not None:
+        assert 1 <= said <= 2 * radius + 2
+
+
+@settings(max_examples=150)
+@given(images(heights=st.integers(1, 60), widths=st.integers(1, 150)), st.floats(1, 6))
+def test_a_path_one_pixel_wide_is_found(image, radius):
+    """Whatever else there is: a lone pixel far from everything is the narrowest, at one pixel."""
+    image = framed(image, 20)
+    image[2, 2] = True
+    assume(2 * radius <= 12)
+    assert thinnest_mm(image, 2 * radius) == 1
+    assert correct_image(image, radius)[2, 2]
