@@ -308,7 +308,7 @@ CASES = {
         link_to_part, ("part.stl", "link.zip", *FIX, "--force"), ("link.zip", "input")
     ),
     "the picture is the input": Case(
-        part, ("part.stl", "out", *FIX, "--picture", "part.stl", "--force"), ("part.stl", "input")
+        part, ("part.stl", "out", *FIX, "--picture", "part.stl", "--force"), ("part.stl", "PNG")
     ),
     "the picture is the output": Case(
         part, ("part.stl", "out.zip", *FIX, "--picture", "out.zip"), ("out.zip",)

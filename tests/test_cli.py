@@ -419,7 +419,7 @@ def test_the_demo(tmp_path):
     first = contents(tmp_path)
     again = run_layerfix("demo", "look", cwd=tmp_path)
     assert (again.code, again.out) == (2, "")
-    assert again.err == "layerfix: look: exists already and is not empty; use --force to replace the demo in it\n"
+    assert again.err == "layerfix: look: exists already and is not empty; use --force to replace it\n"
     assert contents(tmp_path) == first
     (tmp_path / "look" / "notes.txt").write_text("mine")
     done = json.loads(succeeds(run_layerfix("demo", "look", "--force", "--json", cwd=tmp_path)))
@@ -431,7 +431,7 @@ def test_the_demo_goes_to_a_folder_of_its_own(tmp_path):
     """Without a name it is layerfix-demo, here; a file of that name is in the way and stays."""
     (tmp_path / "layerfix-demo").write_text("mine")
     done = run_layerfix("demo", "--force", cwd=tmp_path)
-    assert (done.code, done.err) == (2, "layerfix: layerfix-demo: is a file; the demo fills a folder\n")
+    assert (done.code, done.err) == (2, "layerfix: layerfix-demo: is a file; a folder is to be written there\n")
     (tmp_path / "layerfix-demo").unlink()
     done = run_layerfix("demo", "none/look", cwd=tmp_path)
     assert (done.code, len(done.err.splitlines())) == (2, 1)

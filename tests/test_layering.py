@@ -17,9 +17,9 @@ ROOT = Path(layerfix.__file__).parent
 LEVELS = {
     0: ("errors", "units", "bits"),
     1: ("stack", "printers", "files"),
-    2: ("threemf", "mesh", "winding", "slicing", "columns", "morphology", "thinning", "thickness"),
+    2: ("flood", "threemf", "mesh", "winding", "slicing", "columns", "morphology", "thinning", "thickness"),
     3: ("skeleton", "correction"),
-    4: ("pictures", "samples"),
+    4: ("greys", "pictures", "samples"),
     5: ("formats",),
     6: ("job", "demo"),
     7: ("cli", "__main__"),

@@ -63,17 +63,24 @@ def test_text_formats(tmp_path, kind):
     is_the_box(load_mesh(path))
 
 
+# What an exporter does to a part whose z is up: (x, y, z) → (x, z, -y).
+Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
 def test_glb_is_in_metres(tmp_path):
-    """glTF has one unit, the metre."""
+    """glTF has one unit, the metre, and its y points up."""
     scaled = as_trimesh(box(LOW, HIGH))
     scaled.apply_scale(0.001)
+    scaled.apply_transform(Y_UP)
     (tmp_path / "box.glb").write_bytes(scaled.export(file_type="glb"))
     is_the_box(load_mesh(tmp_path / "box.glb"))
 
 
 def test_a_glb_drawn_in_millimetres_proposes_them(tmp_path):
     """Many programs write millimetres into a GLB: 13 metres are not a part, and --unit mm is the way out."""
-    (tmp_path / "box.glb").write_bytes(_exported("glb"))
+    turned = as_trimesh(box(LOW, HIGH))
+    turned.apply_transform(Y_UP)
+    (tmp_path / "box.glb").write_bytes(turned.export(file_type="glb"))
     with pytest.raises(InputError, match=r"box\.glb.*1\.2e\+04 × 7000 × 3500 mm.*--unit mm \(12 mm\)"):
         load_mesh(tmp_path / "box.glb")
     is_the_box(load_mesh(tmp_path / "box.glb", unit="mm"))

@@ -23,6 +23,8 @@ from layerfix.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from numpy.typing import NDArray
+
     from layerfix.bits import Rows
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
@@ -33,9 +34,7 @@ def png_size(archive: Archive, name: str) -> tuple[int, int, int, int]:
         raise InputError(f"{archive.path}: {name} is not a readable PNG image")
     width, height, depth, colour = struct.unpack_from(">IIBB", head, 16)
     if not 0 < width * height <= MAX_PANEL_PX:
-        raise InputError(
-            f"{archive.path}: {name} says it is {width} × {height} px; at most {MAX_PANEL_PX} px are read"
-        )
+        raise InputError(f"{archive.path}: {name} says {width} × {height} px; at most {MAX_PANEL_PX} are read")
     return width, height, depth, colour
 
 
@@ -95,7 +94,7 @@ def zip_job(
         archive.path, suffixes, lambda i: archive.read(names[i], limit), decode, encode, save,
         hints.threshold, hints.grey_floor,
     )  # fmt: skip
-    same = repeats_of(archive.same(a, b) for a, b in zip(names, names[1:], strict=False))
+    same = repeats_of(archive.same(a, b) for a, b in pairwise(names))
     return container_stack(container, frame, same)
 
 
