@@ -422,9 +422,13 @@ def test_the_demo(tmp_path):
     assert again.err == "layerfix: look: exists already and is not empty; use --force to replace it\n"
     assert contents(tmp_path) == first
     (tmp_path / "look" / "notes.txt").write_text("mine")
+    refused = run_layerfix("demo", "look", "--force", cwd=tmp_path)
+    assert (refused.code, refused.out) == (2, "")
+    assert "notes.txt" in refused.err
+    (tmp_path / "look" / "notes.txt").unlink()
     done = json.loads(succeeds(run_layerfix("demo", "look", "--force", "--json", cwd=tmp_path)))
     assert done["layers"] == len(after)
-    assert contents(tmp_path) == {**first, "look/notes.txt": b"mine"}
+    assert contents(tmp_path) == first
 
 
 def test_the_demo_goes_to_a_folder_of_its_own(tmp_path):

@@ -79,8 +79,11 @@ def test_an_unknown_name_lists_the_known_ones():
 def test_the_box_is_the_frame_without_its_margin(name):
     each = sample(name)
     width, height = each.image_px
-    high = [(width - 2 * each.margin_px) * each.pixel_mm, (height - 2 * each.margin_px) * each.pixel_mm,
-            each.slices * each.layer_mm]
+    high = [
+        (width - 2 * each.margin_px) * each.pixel_mm,
+        (height - 2 * each.margin_px) * each.pixel_mm,
+        each.slices * each.layer_mm,
+    ]
     assert drawn(name).bounds_mm == pytest.approx(np.array([[0, 0, 0], high]), abs=1e-9)
     assert drawn(name).name == name
 

@@ -3,36 +3,86 @@
 from __future__ import annotations
 
 import difflib
-import math
+import sys
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from layerfix.errors import InputError
 from layerfix.files import reading
+from layerfix.units import format_mm
 
 PROCESSES = ("resin", "fdm", "powder")
 MIRRORS = ("", "x", "y", "xy")
+GCODE_FLAVORS = ("marlin", "marlin2", "klipper", "reprap")
+
+
+class Key(NamedTuple):
+    """What a value in a printer's file must be, and means."""
+
+    kind: type
+    count: int  # how many numbers in brackets; 1 is a plain value
+    least: float | None  # None: above 0, for there is no length of 0
+    unit: str
+    meaning: str
+    choices: tuple[str, ...] = ()
+    most: float = sys.float_info.max  # neither inf nor nan is a measure
+
+
+# fmt: off
+KEYS: dict[str, Key] = {
+    # every process       kind, count, least, unit, meaning
+    "maker":              Key(str,   1, None, "",   "as on its plate"),
+    "model":              Key(str,   1, None, "",   "as on its plate"),
+    "process":            Key(str,   1, None, "",   "what draws a layer: a panel, a nozzle, a beam", PROCESSES),
+    "build_mm":           Key(float, 3, None, "mm", "(x, y, z) it can print"),
+    "layer_mm":           Key(float, 1, None, "mm", "usual layer height"),
+    "first_layer_mm":     Key(float, 1, None, "mm", "height of the first layer where it differs"),
+    "layer_range_mm":     Key(float, 2, None, "mm", "lowest and highest layer"),
+    "min_feature_mm":     Key(float, 1, None, "mm", "default minimum printable feature"),
+    "pixel_mm":           Key(float, 2, None, "mm", "(x, y) pitch of the layer image"),
+    "format":             Key(str,   1, None, "",   "suffix of its own job files"),
+    # resin
+    "pixels":             Key(int,   2, None, "px", "(columns, rows) of the layer image in a job file"),
+    "mirror":             Key(str,   1, None, "",   "axes the panel shows mirrored", MIRRORS),
+    "antialias_bits":     Key(int,   1, 1,    "",   "bits of grey that job file and panel hold", most=8),
+    "exposure_s":         Key(float, 1, None, "s",  "light on, each layer"),
+    "bottom_exposure_s":  Key(float, 1, None, "s",  "light on, each bottom layer"),
+    "bottom_layers":      Key(int,   1, 0,    "",   "how many layers are bottom layers"),
+    "transition_layers":  Key(int,   1, 0,    "",   "layers from bottom exposure to the usual one"),
+    "light_off_s":        Key(float, 1, 0,    "s",  "wait before the light, each layer"),
+    "lift_mm":            Key(float, 1, 0,    "mm", "lift after a layer"),
+    "lift_mm_min":        Key(float, 1, None, "mm/min", "its speed"),
+    "bottom_lift_mm":     Key(float, 1, 0,    "mm", "lift after a bottom layer"),
+    "bottom_lift_mm_min": Key(float, 1, None, "mm/min", "its speed"),
+    "retract_mm_min":     Key(float, 1, None, "mm/min", "speed of the way back"),
+    "light_pwm":          Key(int,   1, 0,    "of 255", "brightness of the light", most=255),
+    "bottom_light_pwm":   Key(int,   1, 0,    "of 255", "brightness for bottom layers", most=255),
+    # fdm
+    "nozzle_mm":          Key(float, 1, None, "mm", "bore of the nozzle"),
+    "filament_mm":        Key(float, 1, None, "mm", "diameter of the filament"),
+    "extrusion_width_mm": Key(float, 1, None, "mm", "usual bead of an outer wall"),
+    "first_layer_width_mm":       Key(float, 1, None, "mm", "bead of the first layer"),
+    "width_range_mm":             Key(float, 2, None, "mm", "narrowest and widest bead"),
+    "max_volumetric_speed_mm3_s": Key(float, 1, None, "mm³/s", "most it can melt"),
+    "gcode_flavor":       Key(str,   1, None, "",   "dialect of its G-code", GCODE_FLAVORS),
+    "relative_extrusion": Key(bool,  1, None, "",   "E counts from the last move (M83)"),
+}
+# fmt: on
+_REQUIRED = ("maker", "model", "process", "build_mm", "layer_mm", "layer_range_mm", "min_feature_mm")
+_NAMES = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}
 
 
 @dataclass(frozen=True)
 class Printer:
-    """One machine.
+    """One machine. `KEYS` tells what each value means; the names end in the units, and None is "not known".
 
-    name            the file's name without ``.toml``
-    maker, model    as on its plate
-    process         "resin" (a panel or projector draws the layer), "fdm" (a nozzle), "powder" (a beam)
-    build_mm        (x, y, z) it can print
-    layer_mm        usual layer height; layer_range_mm the (lowest, highest) it takes
-    min_feature_mm  default minimum printable feature
-    pixel_mm        (x, y) pitch of the panel, or of the raster that stands for the layer
-    pixels          (x, y) of the panel; None where there is no panel
-    mirror          axes the panel shows mirrored: "", "x", "y" or "xy"
-    format          suffix of its native job file
-    nozzle_mm       FDM only
-    first_layer_mm  height of the first layer where it differs
+    x runs along the columns and y down the rows of the layer image in the machine's own job files: `pixels` is
+    (columns, rows), and `build_mm`, `pixel_mm` and `mirror` follow it, also where the panel stands on end (a
+    Prusa SL1 is 1440 × 2560 px and 68 × 121 mm). `name` is that of the file, without ``.toml``.
     """
 
     name: str
@@ -44,126 +94,40 @@ class Printer:
     min_feature_mm: float
     pixel_mm: tuple[float, float]
     layer_range_mm: tuple[float, float]
+    first_layer_mm: float | None = None
+    format: str = ""
+
     pixels: tuple[int, int] | None = None
     mirror: str = ""
-    format: str = ""
+    antialias_bits: int | None = None
+    exposure_s: float | None = None
+    bottom_exposure_s: float | None = None
+    bottom_layers: int | None = None
+    transition_layers: int | None = None
+    light_off_s: float | None = None
+    lift_mm: float | None = None
+    lift_mm_min: float | None = None
+    bottom_lift_mm: float | None = None
+    bottom_lift_mm_min: float | None = None
+    retract_mm_min: float | None = None
+    light_pwm: int | None = None
+    bottom_light_pwm: int | None = None
+
     nozzle_mm: float | None = None
-    first_layer_mm: float | None = None
+    filament_mm: float | None = None
+    extrusion_width_mm: float | None = None
+    first_layer_width_mm: float | None = None
+    width_range_mm: tuple[float, float] | None = None
+    max_volumetric_speed_mm3_s: float | None = None
+    gcode_flavor: str | None = None
+    relative_extrusion: bool | None = None
 
     @property
     def mode(self) -> str:
         """The correction mode that suits the process: a mask can draw sharp corners, a round tool cannot."""
         return "add_only" if self.process == "resin" else "as_printed"
 
-
-# key: (type of the value, how many of them; 1 is a plain value)
-_KEYS: dict[str, tuple[type, int]] = {
-    "maker": (str, 1),
-    "model": (str, 1),
-    "process": (str, 1),
-    "build_mm": (float, 3),
-    "layer_mm": (float, 1),
-    "layer_range_mm": (float, 2),
-    "first_layer_mm": (float, 1),
-    "min_feature_mm": (float, 1),
-    "pixel_mm": (float, 2),
-    "pixels": (int, 2),
-    "mirror": (str, 1),
-    "format": (str, 1),
-    "nozzle_mm": (float, 1),
-}
-_REQUIRED = ("maker", "model", "process", "build_mm", "layer_mm", "layer_range_mm", "min_feature_mm")
-
-
-def printer_folder() -> Path:
-    """Where the printers are: inside the installed package, or beside ``src`` in a checkout."""
-    inside = Path(__file__).parent / "sample_printers"
-    return inside if inside.is_dir() else Path(__file__).parents[2] / "sample_printers"
-
-
-@cache
-def printer_names() -> tuple[str, ...]:
-    """Names of the shipped printers, sorted."""
-    return tuple(sorted(p.stem for p in printer_folder().glob("*.toml")))
-
-
-def load_printer(name: str | Path) -> Printer:
-    """A shipped printer by name (``"prusa-sl1s"``), or one's own by path (``"my.toml"``).
-
-    Raises InputError for an unknown name (naming the nearest), a missing file, and for a wrong key or value.
-    """
-    if str(name) in printer_names():
-        return _parse(printer_folder() / f"{name}.toml")
-    path = Path(name)
-    if path.suffix.lower() == ".toml":
-        if not path.is_file():
-            raise InputError(f"{path}: no such file")
-        return _parse(path)
-    near = difflib.get_close_matches(str(name).lower(), printer_names(), n=3, cutoff=0.4)
-    hint = f"did you mean {' or '.join(near)}? " if near else ""
-    raise InputError(f"no printer '{name}': {hint}`layerfix printers` lists them, or give your own .toml file")
-
-
-def _parse(path: Path) -> Printer:
-    try:
-        with reading(path):
-            text = path.read_text(encoding="utf-8")
-        data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise InputError(f"{path}: not a valid TOML file ({problem})") from problem
-    for key in data:
-        if key not in _KEYS:
-            near = difflib.get_close_matches(key, _KEYS, n=3, cutoff=0.4)
-            hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(_KEYS)}"
-            raise InputError(f"{path}: unknown key '{key}': {hint}")
-    missing = [key for key in _REQUIRED if key not in data]
-    if missing:
-        raise InputError(f"{path}: missing {', '.join(missing)}")
-    values = {key: _value(path, key, value) for key, value in data.items()}
-    if values["process"] not in PROCESSES:
-        raise InputError(f"{path}: process = '{values['process']}'; choose from {', '.join(PROCESSES)}")
-    if "pixel_mm" not in values:
-        values["pixel_mm"] = _derived_pitch(path, values)
-    _check_agreement(path, values)
-    return Printer(name=path.stem, **values)
-
-
-def _check_agreement(path: Path, values: dict[str, Any]) -> None:
-    """Raises InputError for values that are each well formed but cannot be, alone or together."""
-    low, high = values["layer_range_mm"]
-    if low > high:
-        raise InputError(f"{path}: layer_range_mm = [{low}, {high}]; the lowest layer comes first")
-    if values.get("mirror", "") not in MIRRORS:
-        raise InputError(f"{path}: mirror = '{values['mirror']}'; choose from {', '.join(map(repr, MIRRORS))}")
-    if values.get("format", ".") and not values.get("format", ".").startswith("."):
-        raise InputError(f"{path}: format = '{values['format']}'; it is a suffix such as .sl1")
-    for axis, pixels, pitch, size in zip(
-        "xy", values.get("pixels", ()), values["pixel_mm"], values["build_mm"], strict=False
-    ):
-        if abs(pixels * pitch / size - 1) > 0.005:
-            raise InputError(
-                f"{path}: pixels × pixel_mm is {pixels * pitch:.4g} mm along {axis}, build_mm says {size:.4g} mm"
-            )
-
-
-def _value(path: Path, key: str, value: Any) -> Any:
-    kind, count = _KEYS[key]
-    items = value if count > 1 and isinstance(value, list) else [value]
-    number = (int, float) if kind is float else kind
-    if len(items) != count or not all(isinstance(v, number) and not isinstance(v, bool) for v in items):
-        wanted = f"{count} numbers in brackets" if count > 1 else ("text" if kind is str else "a number")
-        raise InputError(f"{path}: {key} = {value!r}; it is {wanted}")
-    if kind is not str and not all(0 < v < math.inf for v in items):
-        raise InputError(f"{path}: {key} = {value!r}; it must be above 0")
-    return tuple(kind(v) for v in items) if count > 1 else kind(value)
-
-
-def _derived_pitch(path: Path, values: dict[str, Any]) -> tuple[float, float]:
-    """A panel's pitch is its size over its pixels; a nozzle's raster has eight pixels a nozzle width."""
-    if "pixels" in values:
-        (x_mm, y_mm, _), (x_px, y_px) = values["build_mm"], values["pixels"]
-        return x_mm / x_px, y_mm / y_px
-    if "nozzle_mm" in values:
-        pitch = values["nozzle_mm"] / 8
-        return pitch, pitch
-    raise InputError(f"{path}: missing pixel_mm (or pixels, or nozzle_mm, from which it follows)")
+    @property
+    def title(self) -> str:
+        """Maker and model, but "Original Prusa SL1S", not "Prusa Research Original Prusa SL1S"."""
+        return self.model if self.maker.split()[0] in self.model else f"{self.maker} {self.model}"

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from layerfix.bits import Rows
 
 SPUR_RULES = ("paper",)
+MAX_RADIUS_PX = 4096  # a disc of half a gigabyte of offsets; no printer is that coarse
 Radius = float | tuple[float, float]
 
 
@@ -51,7 +52,10 @@ def thin_anchored(columns, anchor, spur_rounds, scratch):  # type: ignore[no-unt
 
 def radii_px(radius_px: Radius) -> tuple[float, float]:
     """(rx, ry) of a radius given as one number or two. Raises InputError unless both are above 0."""
-    return one_or_two(radius_px, "radius", "px")
+    rx, ry = one_or_two(radius_px, "radius", "px")
+    if max(rx, ry) > MAX_RADIUS_PX:
+        raise InputError(f"radius {radius_px} px: at most {MAX_RADIUS_PX} px")
+    return rx, ry
 
 
 def check_spurs(spurs: str) -> None:

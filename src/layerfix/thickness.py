@@ -7,7 +7,7 @@ from numba import njit, types
 
 from layerfix.bits import ALL, U0, U1, WORK, lowest_bit
 
-SIGHT_PX = 31  # how far a look to either side sees: half a word
+SIGHT_PX = 31  # how far a look at one word sees to either side
 
 
 @njit
@@ -44,6 +44,17 @@ def _nearest_step(void, within):  # type: ignore[no-untyped-def]
 
 
 @njit
+def _nearest_far(columns, y, x, within):  # type: ignore[no-untyped-def]
+    """The same over several words, for features wider than a look sees."""
+    for step in range(within + 1):
+        if not _solid(columns, y, x - step):
+            return -step
+        if not _solid(columns, y, x + step):
+            return step
+    return within + 1
+
+
+@njit
 def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """Width of the solid across pixel (y, x), or `best` if it is not below it."""
     near = (best + max(px_mm, py_mm)) / 2  # the width is at least 2 · near − 1 px
@@ -51,13 +62,16 @@ def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def
     found = False
     dy = 0
     while dy * py_mm < near:
-        within = min(int(np.sqrt(near**2 - (dy * py_mm) ** 2) / px_mm), SIGHT_PX)
-        sight = (ALL >> np.uint64(63 - 2 * within)) << np.uint64(32 - within)
+        within = int(np.sqrt(near**2 - (dy * py_mm) ** 2) / px_mm)
         for sign in (-1, 1):
-            void = _void_around(columns, y + sign * dy, x) & sight
-            if void == U0:
-                continue
-            step = _nearest_step(void, within)
+            if within > SIGHT_PX:
+                step = _nearest_far(columns, y + sign * dy, x, within)
+            else:
+                sight = (ALL >> np.uint64(63 - 2 * within)) << np.uint64(32 - within)
+                void = _void_around(columns, y + sign * dy, x) & sight
+                if void == U0:
+                    continue
+                step = _nearest_step(void, within)
             distance = np.hypot(step * px_mm, dy * py_mm)
             if distance < near:
                 near, dx_mm, dy_mm, found = distance, step * px_mm, sign * dy * py_mm, True
@@ -82,7 +96,7 @@ def narrowest(columns, skeleton, anchor, limit_mm, px_mm, py_mm):  # type: ignor
 
     The width at a pixel is the distance to the nearest void pixel plus that to the void straight across,
     less one pixel. A pixel whose nearest void is too far to beat the best so far costs a few words, and
-    nothing is narrower than a pixel. Features are measured up to SIGHT_PX to either side.
+    nothing is narrower than a pixel.
     """
     best = limit_mm
     for w in range(1, columns.shape[0] - 1):
