@@ -127,22 +127,46 @@ def demo(folder: Path, force: bool, as_json: bool) -> None:
     click.echo(json.dumps(asdict(summary)) if as_json else f"{_table(summary)}\n\n{what_to_look_at(folder)}")
 
 
-@layerfix.command()
+@layerfix.group(invoke_without_command=True)
 @click.option("--process", type=click.Choice(["resin", "fdm", "powder"]), help="Only these.")
+@click.option("--search", metavar="TEXT", default="", help="Only those with TEXT in maker, model or name.")
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
-def printers(process: str | None, as_json: bool) -> None:
-    """List the printers that --printer takes."""
-    from layerfix.printers import load_printer, printer_names
+@click.pass_context
+def printers(ctx: click.Context, process: str | None, search: str, as_json: bool) -> None:
+    """List the printers that --printer takes, or show one.
 
-    known = [p for p in map(load_printer, printer_names()) if process in (None, p.process)]
-    if as_json:
-        click.echo(json.dumps([asdict(p) for p in known]))
+    A line has the name, maker and model, process, pixels or nozzle, and the minimum printable feature.
+
+    \b
+    Examples:
+      layerfix printers --search "elegoo saturn"
+      layerfix printers show prusa-sl1s
+    """
+    from layerfix.printers import find_printers, listing
+
+    if ctx.invoked_subcommand:
+        if process or search or as_json:
+            raise click.UsageError(f"options of '{ctx.invoked_subcommand}' go after it", ctx)
         return
-    for p in known:
-        raster = f"{p.pixels[0]} × {p.pixels[1]} px" if p.pixels else f"{format_mm(p.nozzle_mm or 0)} nozzle"
-        click.echo(
-            f"{p.name:26}{p.maker} {p.model:28}{p.process:8}{raster:18}min feature {format_mm(p.min_feature_mm)}"
-        )
+    found = find_printers(process, search)
+    if as_json:
+        click.echo(json.dumps([asdict(p) for p in found]))
+    else:
+        click.echo("\n".join(listing(found)) or "no such printer", err=not found)
+
+
+@printers.command("show")
+@click.argument("name")
+@click.option("--json", "as_json", is_flag=True, help="Print the values as JSON.")
+def show_printer(name: str, as_json: bool) -> None:
+    """Show all that is known of a printer.
+
+    NAME is one of those that `layerfix printers` lists, or your own .toml file.
+    """
+    from layerfix.printers import description, load_printer
+
+    printer = load_printer(name)
+    click.echo(json.dumps(asdict(printer)) if as_json else "\n".join(description(printer)))
 
 
 @layerfix.command()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from layerfix.correction import correct, feature_radius_px
 from layerfix.errors import InputError, OutputError
 from layerfix.files import check_target, whole_file
-from layerfix.formats import format_for, read, write
+from layerfix.formats import format_for, read, write, writer_for
 from layerfix.mesh import SUFFIXES, load_mesh
 from layerfix.pictures import before_after
 from layerfix.slicing import slice_mesh
@@ -38,6 +38,8 @@ class Options:
     workers: int = 0
     force: bool = False
     bits: int = 8
+    threshold: int = 128
+    grey_floor: int = 32
     picture: Path | None = None
 
 
@@ -81,7 +83,8 @@ def fix(
     _check_paths(source, target, options)
     stack = open_stack(source, options)
     min_feature_mm = _min_feature_mm(options)
-    mode = options.mode or (options.printer.mode if options.printer else "as_printed")
+    mode = options.mode or _usual_mode(options.printer, stack)
+    writer_for(target, stack)
     fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.workers)
     done: list[Layer] = []
 
@@ -100,7 +103,8 @@ def open_stack(source: Path, options: Options) -> LayerStack:
     """The layers of a mesh (sliced for the printer or the given pitch) or of an image stack."""
     if source.suffix.lower() not in SUFFIXES:
         return read(source, printer=options.printer, pixel_mm=options.pixel_mm, layer_mm=options.layer_mm,
-                    first_layer_mm=options.first_layer_mm)  # fmt: skip
+                    first_layer_mm=options.first_layer_mm, threshold=options.threshold,
+                    grey_floor=options.grey_floor)  # fmt: skip
     printer = options.printer
     pixel_mm = options.pixel_mm or (printer.pixel_mm if printer else None)
     layer_mm = options.layer_mm or (printer.layer_mm if printer else None)
@@ -130,7 +134,7 @@ def _check_paths(source: Path, target: Path, options: Options) -> None:
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
     _check_apart(target, source)
-    format_for(target)
+    format_for(target)  # an unknown suffix is refused before any work
     check_target(target, force=options.force)
     picture = options.picture
     if picture:
@@ -149,6 +153,13 @@ def _check_apart(target: Path, source: Path) -> None:
     inside = source.is_dir() and source.resolve() in target.absolute().parents
     if inside or (target.exists() and target.samefile(source)):
         raise OutputError(f"{target}: is {'inside ' if inside else ''}the input; layerfix never writes to its input")
+
+
+def _usual_mode(printer: Printer | None, stack: LayerStack) -> str:
+    """The printer's mode; without one, that of resin printers for a resin job."""
+    if printer:
+        return printer.mode
+    return "add_only" if stack.container is not None else "as_printed"
 
 
 def _min_feature_mm(options: Options) -> float:

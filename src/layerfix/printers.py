@@ -6,10 +6,10 @@ import difflib
 import sys
 import tomllib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from layerfix.errors import InputError
 from layerfix.files import reading
@@ -20,56 +20,66 @@ MIRRORS = ("", "x", "y", "xy")
 GCODE_FLAVORS = ("marlin", "marlin2", "klipper", "reprap")
 
 
-class Key(NamedTuple):
+@dataclass(frozen=True)
+class Key:
     """What a value in a printer's file must be, and means."""
 
     kind: type
-    count: int  # how many numbers in brackets; 1 is a plain value
+    count: int  # how many in brackets; 1 is a plain value
     least: float | None  # None: above 0, for there is no length of 0
     unit: str
     meaning: str
     choices: tuple[str, ...] = ()
     most: float = sys.float_info.max  # neither inf nor nan is a measure
 
+    def allows(self, number: float) -> bool:
+        return (number > 0 if self.least is None else number >= self.least) and number <= self.most
+
+    @property
+    def limits(self) -> str:
+        if self.least is None:
+            return "above 0"
+        return f"{self.least:g} or more" if self.most == sys.float_info.max else f"{self.least:g} to {self.most:g}"
+
 
 # fmt: off
 KEYS: dict[str, Key] = {
-    # every process       kind, count, least, unit, meaning
-    "maker":              Key(str,   1, None, "",   "as on its plate"),
-    "model":              Key(str,   1, None, "",   "as on its plate"),
-    "process":            Key(str,   1, None, "",   "what draws a layer: a panel, a nozzle, a beam", PROCESSES),
-    "build_mm":           Key(float, 3, None, "mm", "(x, y, z) it can print"),
-    "layer_mm":           Key(float, 1, None, "mm", "usual layer height"),
-    "first_layer_mm":     Key(float, 1, None, "mm", "height of the first layer where it differs"),
-    "layer_range_mm":     Key(float, 2, None, "mm", "lowest and highest layer"),
-    "min_feature_mm":     Key(float, 1, None, "mm", "default minimum printable feature"),
-    "pixel_mm":           Key(float, 2, None, "mm", "(x, y) pitch of the layer image"),
-    "format":             Key(str,   1, None, "",   "suffix of its own job files"),
+    # every process             kind, how many, least, unit, meaning
+    "maker":                      Key(str,   1, None, "",       "as on its plate"),
+    "model":                      Key(str,   1, None, "",       "as on its plate"),
+    "process":                    Key(str,   1, None, "",       "what draws a layer: a panel, a nozzle, a beam", PROCESSES),
+    "build_mm":                   Key(float, 3, None, "mm",     "(x, y, z) it can print"),
+    "layer_mm":                   Key(float, 1, None, "mm",     "usual layer height"),
+    "first_layer_mm":             Key(float, 1, None, "mm",     "height of the first layer where it differs"),
+    "layer_range_mm":             Key(float, 2, None, "mm",     "lowest and highest layer"),
+    "min_feature_mm":             Key(float, 1, None, "mm",     "default minimum printable feature"),
+    "pixel_mm":                   Key(float, 2, None, "mm",     "(x, y) pitch of the layer image"),
+    "format":                     Key(str,   1, None, "",       "suffix of its own job files"),
     # resin
-    "pixels":             Key(int,   2, None, "px", "(columns, rows) of the layer image in a job file"),
-    "mirror":             Key(str,   1, None, "",   "axes the panel shows mirrored", MIRRORS),
-    "antialias_bits":     Key(int,   1, 1,    "",   "bits of grey that job file and panel hold", most=8),
-    "exposure_s":         Key(float, 1, None, "s",  "light on, each layer"),
-    "bottom_exposure_s":  Key(float, 1, None, "s",  "light on, each bottom layer"),
-    "bottom_layers":      Key(int,   1, 0,    "",   "how many layers are bottom layers"),
-    "transition_layers":  Key(int,   1, 0,    "",   "layers from bottom exposure to the usual one"),
-    "light_off_s":        Key(float, 1, 0,    "s",  "wait before the light, each layer"),
-    "lift_mm":            Key(float, 1, 0,    "mm", "lift after a layer"),
-    "lift_mm_min":        Key(float, 1, None, "mm/min", "its speed"),
-    "bottom_lift_mm":     Key(float, 1, 0,    "mm", "lift after a bottom layer"),
-    "bottom_lift_mm_min": Key(float, 1, None, "mm/min", "its speed"),
-    "retract_mm_min":     Key(float, 1, None, "mm/min", "speed of the way back"),
-    "light_pwm":          Key(int,   1, 0,    "of 255", "brightness of the light", most=255),
-    "bottom_light_pwm":   Key(int,   1, 0,    "of 255", "brightness for bottom layers", most=255),
+    "pixels":                     Key(int,   2, None, "px",     "(columns, rows) of the layer image in a job file"),
+    "mirror":                     Key(str,   1, None, "",       "axes the panel shows mirrored", MIRRORS),
+    "antialias_bits":             Key(int,   1, 1,    "",       "bits of grey that job file and panel hold", most=8),
+    "exposure_s":                 Key(float, 1, None, "s",      "light on, each layer"),
+    "bottom_exposure_s":          Key(float, 1, None, "s",      "light on, each bottom layer"),
+    "bottom_layers":              Key(int,   1, 0,    "",       "how many layers are bottom layers"),
+    "transition_layers":          Key(int,   1, 0,    "",       "layers from bottom exposure to the usual one"),
+    "light_off_s":                Key(float, 1, 0,    "s",      "wait before the light, each layer"),
+    "lift_mm":                    Key(float, 1, 0,    "mm",     "lift after a layer"),
+    "lift_mm_min":                Key(float, 1, None, "mm/min", "its speed"),
+    "bottom_lift_mm":             Key(float, 1, 0,    "mm",     "lift after a bottom layer"),
+    "bottom_lift_mm_min":         Key(float, 1, None, "mm/min", "its speed"),
+    "retract_mm_min":             Key(float, 1, None, "mm/min", "speed of the way back"),
+    "light_pwm":                  Key(int,   1, 0,    "of 255", "brightness of the light", most=255),
+    "bottom_light_pwm":           Key(int,   1, 0,    "of 255", "brightness for bottom layers", most=255),
     # fdm
-    "nozzle_mm":          Key(float, 1, None, "mm", "bore of the nozzle"),
-    "filament_mm":        Key(float, 1, None, "mm", "diameter of the filament"),
-    "extrusion_width_mm": Key(float, 1, None, "mm", "usual bead of an outer wall"),
-    "first_layer_width_mm":       Key(float, 1, None, "mm", "bead of the first layer"),
-    "width_range_mm":             Key(float, 2, None, "mm", "narrowest and widest bead"),
-    "max_volumetric_speed_mm3_s": Key(float, 1, None, "mm³/s", "most it can melt"),
-    "gcode_flavor":       Key(str,   1, None, "",   "dialect of its G-code", GCODE_FLAVORS),
-    "relative_extrusion": Key(bool,  1, None, "",   "E counts from the last move (M83)"),
+    "nozzle_mm":                  Key(float, 1, None, "mm",     "bore of the nozzle"),
+    "filament_mm":                Key(float, 1, None, "mm",     "diameter of the filament"),
+    "extrusion_width_mm":         Key(float, 1, None, "mm",     "usual bead of an outer wall"),
+    "first_layer_width_mm":       Key(float, 1, None, "mm",     "bead of the first layer"),
+    "width_range_mm":             Key(float, 2, None, "mm",     "narrowest and widest bead"),
+    "max_volumetric_speed_mm3_s": Key(float, 1, None, "mm³/s",  "most it can melt"),
+    "gcode_flavor":               Key(str,   1, None, "",       "dialect of its G-code", GCODE_FLAVORS),
+    "relative_extrusion":         Key(bool,  1, None, "",       "E counts from the last move (M83)"),
 }
 # fmt: on
 _REQUIRED = ("maker", "model", "process", "build_mm", "layer_mm", "layer_range_mm", "min_feature_mm")
@@ -80,7 +90,7 @@ _NAMES = {str: "text", bool: "true or false", int: "a whole number", float: "a n
 class Printer:
     """One machine. `KEYS` tells what each value means; the names end in the units, and None is "not known".
 
-    x runs along the columns and y down the rows of the layer image in the machine's own job files: `pixels` is
+    x runs along the columns and y along the rows of the layer image in the machine's own job files: `pixels` is
     (columns, rows), and `build_mm`, `pixel_mm` and `mirror` follow it, also where the panel stands on end (a
     Prusa SL1 is 1440 × 2560 px and 68 × 121 mm). `name` is that of the file, without ``.toml``.
     """
@@ -130,4 +140,159 @@ class Printer:
     @property
     def title(self) -> str:
         """Maker and model, but "Original Prusa SL1S", not "Prusa Research Original Prusa SL1S"."""
-        return self.model if self.maker.split()[0] in self.model else f"{self.maker} {self.model}"
+        return self.model if self.maker.partition(" ")[0] in self.model else f"{self.maker} {self.model}"
+
+
+def printer_folder() -> Path:
+    """Where the printers are: inside the installed package, or beside ``src`` in a checkout."""
+    inside = Path(__file__).parent / "sample_printers"
+    return inside if inside.is_dir() else Path(__file__).parents[2] / "sample_printers"
+
+
+@cache
+def printer_names() -> tuple[str, ...]:
+    """Names of the shipped printers, sorted."""
+    return tuple(sorted(p.stem for p in printer_folder().glob("*.toml")))
+
+
+def find_printers(process: str | None = None, text: str = "") -> list[Printer]:
+    """The shipped printers of one process (None: of all) whose maker, model or name has every word of `text`."""
+    words = text.lower().split()
+    return [
+        printer
+        for printer in map(load_printer, printer_names())
+        if process in (None, printer.process)
+        and all(word in f"{printer.name} {printer.maker} {printer.model}".lower() for word in words)
+    ]
+
+
+def load_printer(name: str | Path) -> Printer:
+    """A shipped printer by name (``"prusa-sl1s"``), or one's own by path (``"my.toml"``).
+
+    Raises InputError for an unknown name (naming the nearest), a missing file, and for a wrong key or value.
+    """
+    if str(name) in printer_names():
+        return _parse(printer_folder() / f"{name}.toml")
+    path = Path(name)
+    if path.suffix.lower() == ".toml":
+        if not path.is_file():
+            raise InputError(f"{path}: no such file")
+        return _parse(path)
+    near = _near(str(name).lower(), printer_names())
+    hint = f"did you mean {' or '.join(near)}? " if near else ""
+    raise InputError(f"no printer '{name}': {hint}`layerfix printers` lists them, or give your own .toml file")
+
+
+def listing(printers: Iterable[Printer]) -> list[str]:
+    """A line for each printer: name, maker and model, process, raster, minimum feature."""
+    rows = [(p.name, p.title, p.process, _raster(p), f"min {format_mm(p.min_feature_mm)}") for p in printers]
+    return _aligned(rows)
+
+
+def description(printer: Printer) -> list[str]:
+    """A line for each value that is known: key, value with its unit, meaning."""
+    rows = [("name", printer.name, "what --printer takes")]
+    for key, wanted in KEYS.items():
+        value = getattr(printer, key)
+        if value is not None and (value != "" or printer.pixels):  # without a panel, nothing is mirrored
+            text = _written(value, " to " if key.endswith("_range_mm") else " × ")
+            rows.append((key, f"{text} {wanted.unit}".rstrip(), wanted.meaning))
+    return _aligned(rows)
+
+
+def _raster(printer: Printer) -> str:
+    if printer.pixels:
+        return f"{_written(printer.pixels)} px"
+    return (
+        f"{format_mm(printer.nozzle_mm)} nozzle" if printer.nozzle_mm else f"{format_mm(printer.pixel_mm[0])} pitch"
+    )
+
+
+def _written(value: Any, between: str = " × ") -> str:
+    if isinstance(value, tuple):
+        return between.join(map(_written, value))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.7g}" if isinstance(value, float) else str(value) or "none"
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+
+
+def _near(word: str, known: Iterable[str]) -> list[str]:
+    """Those that contain the word, else those spelled like it."""
+    known = list(known)
+    holding = [name for name in known if word and word in name]
+    return holding[:4] or difflib.get_close_matches(word, known, n=3, cutoff=0.4)
+
+
+def _parse(path: Path) -> Printer:
+    try:
+        with reading(path):
+            text = path.read_text(encoding="utf-8")
+        data = tomllib.loads(text)
+    except (ValueError, RecursionError) as problem:  # TOML, UTF-8, a number without end, brackets without end
+        raise InputError(f"{path}: not a valid TOML file ({problem})") from problem
+    for key in data:
+        if key not in KEYS:
+            near = _near(key, KEYS)
+            hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(KEYS)}"
+            raise InputError(f"{path}: unknown key '{key}': {hint}")
+    missing = [key for key in _REQUIRED if key not in data]
+    if missing:
+        raise InputError(f"{path}: missing {', '.join(missing)}")
+    values = {key: _value(path, key, value) for key, value in data.items()}
+    if "pixel_mm" not in values:
+        values["pixel_mm"] = _derived_pitch(path, values)
+    _check_agreement(path, values)
+    return Printer(name=path.stem, **values)
+
+
+def _value(path: Path, key: str, value: Any) -> Any:
+    """The value as its key wants it. Raises InputError for another kind, number or choice."""
+    wanted = KEYS[key]
+    kind, count = wanted.kind, wanted.count
+    items = value if count > 1 and isinstance(value, list) else [value]
+    if len(items) != count or not all(_is(kind, v) for v in items):
+        name = f"{count} {_NAMES[kind].removeprefix('a ')}s in brackets" if count > 1 else _NAMES[kind]
+        raise InputError(f"{path}: {key} = {value!r}; it is {name}")
+    if wanted.choices and value not in wanted.choices:
+        raise InputError(f"{path}: {key} = '{value}'; choose from {', '.join(c or repr(c) for c in wanted.choices)}")
+    if kind in (int, float) and not all(map(wanted.allows, items)):
+        raise InputError(f"{path}: {key} = {value!r}; it must be {wanted.limits}")
+    return tuple(map(kind, items)) if count > 1 else kind(value)
+
+
+def _is(kind: type, value: Any) -> bool:
+    """Whether a TOML value is of a kind: whole numbers are numbers, true and false are not."""
+    return isinstance(value, (int, float) if kind is float else kind) and isinstance(value, bool) == (kind is bool)
+
+
+def _check_agreement(path: Path, values: dict[str, Any]) -> None:
+    """Raises InputError for values that are each well formed but cannot be, alone or together."""
+    for key in ("layer_range_mm", "width_range_mm"):
+        low, high = values.get(key, (0, 0))
+        if low > high:
+            raise InputError(f"{path}: {key} = [{low}, {high}]; the lowest comes first")
+    if values.get("format", ".") and not values.get("format", ".").startswith("."):
+        raise InputError(f"{path}: format = '{values['format']}'; it is a suffix such as .sl1")
+    for axis, pixels, pitch, size in zip(
+        "xy", values.get("pixels", ()), values["pixel_mm"], values["build_mm"], strict=False
+    ):
+        if abs(pixels * pitch / size - 1) > 0.005:
+            raise InputError(
+                f"{path}: pixels × pixel_mm is {pixels * pitch:.4g} mm along {axis}, build_mm says {size:.4g} mm"
+            )
+
+
+def _derived_pitch(path: Path, values: dict[str, Any]) -> tuple[float, float]:
+    """A panel's pitch is its size over its pixels; a nozzle's raster has eight pixels a nozzle width."""
+    if "pixels" in values:
+        (x_mm, y_mm, _), (x_px, y_px) = values["build_mm"], values["pixels"]
+        return x_mm / x_px, y_mm / y_px
+    if "nozzle_mm" in values:
+        pitch = values["nozzle_mm"] / 8
+        return pitch, pitch
+    raise InputError(f"{path}: missing pixel_mm (or pixels, or nozzle_mm, from which it follows)")

@@ -1,4 +1,7 @@
-"""Every file layerfix reads and writes layers from and to: one module a format, one table."""
+"""Every file layerfix reads and writes layers from and to: one module a format, one table.
+
+Files are recognised by what is in them; the suffix decides only what is written.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from layerfix.errors import InputError, OutputError
 from layerfix.files import reading
-from layerfix.formats import png_stack
+from layerfix.formats import png_stack, sl1
+from layerfix.formats.container import rewrite
 from layerfix.formats.options import Hints, WriteOptions
+from layerfix.formats.zips import Archive
 from layerfix.mesh import SUFFIXES as MESH_SUFFIXES
 from layerfix.stack import LayerStack, pitch_mm
 
@@ -20,23 +25,34 @@ if TYPE_CHECKING:
 
 
 class Format(NamedTuple):
-    """suffix "" is a folder."""
+    """One kind of file. suffixes: "" is a folder. write: None where only a job of the kind can be rewritten."""
 
-    suffix: str
+    suffixes: tuple[str, ...]
     name: str
-    read: Callable[[Path, Hints], LayerStack]
-    write: Callable[[Path, LayerStack, WriteOptions], None]
+    write: Callable[[Path, LayerStack, WriteOptions], None] | None
+
+
+class ZipKind(NamedTuple):
+    """A job that is a zip: how its entries give it away, and how it is read."""
+
+    recognises: Callable[[Archive], bool]
+    read: Callable[[Archive, Hints], LayerStack]
 
 
 FORMATS = (
-    Format("", "folder of PNG images", png_stack.read_folder, png_stack.write_folder),
-    Format(".zip", "zip of PNG images", png_stack.read_zip, png_stack.write_zip),
+    Format(("",), "folder of PNG images", png_stack.write_folder),
+    Format((".zip",), "zip of PNG images", png_stack.write_zip),
+    Format(sl1.SUFFIXES, "Prusa SL1, SL1S and M1 jobs", None),
+)
+ZIP_KINDS = (
+    ZipKind(sl1.recognises, sl1.read),
+    ZipKind(lambda archive: True, png_stack.read_zip),
 )
 
 
 def known_suffixes() -> str:
     """For messages: ``a folder, .zip``."""
-    return ", ".join(f.suffix or "a folder" for f in FORMATS)
+    return ", ".join(suffix or "a folder" for f in FORMATS for suffix in f.suffixes)
 
 
 def read(
@@ -46,14 +62,21 @@ def read(
     pixel_mm: float | tuple[float, float] | None = None,
     layer_mm: float | None = None,
     first_layer_mm: float | None = None,
+    threshold: int = 128,
+    grey_floor: int = 32,
 ) -> LayerStack:
-    """A folder or zip of PNG images as a LayerStack, decoded layer by layer when asked.
+    """A sliced job, or a folder or zip of images, as a LayerStack that decodes each layer when asked.
 
     The pitch and layer height come from the arguments, else from the file, else from `printer`.
+    threshold   grey value from which a pixel is solid, 1 … 255
+    grey_floor  grey value from which a stroke that nowhere reaches `threshold` is solid all the same; 0: never
     Raises InputError naming the file for one that is missing, unknown, broken or without a pitch.
     """
     path = Path(path)
-    hints = Hints(printer, None if pixel_mm is None else pitch_mm(pixel_mm), layer_mm, first_layer_mm)
+    if not 1 <= threshold <= 255 or not 0 <= grey_floor <= 255:
+        raise InputError(f"threshold {threshold}, grey floor {grey_floor}: grey values are 1 to 255 (floor: or 0)")
+    pitch = None if pixel_mm is None else pitch_mm(pixel_mm)
+    hints = Hints(printer, pitch, layer_mm, first_layer_mm, threshold, grey_floor)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     if path.is_dir():
@@ -61,7 +84,8 @@ def read(
     with reading(path):
         is_zip = zipfile.is_zipfile(path)
     if is_zip and path.suffix.lower() not in MESH_SUFFIXES:
-        return png_stack.read_zip(path, hints)
+        archive = Archive(path)
+        return next(kind for kind in ZIP_KINDS if kind.recognises(archive)).read(archive, hints)
     raise InputError(
         f"{path}: not a file that layerfix knows; it reads meshes ({' '.join(MESH_SUFFIXES)}), and layers from"
         f" {known_suffixes()}"
@@ -79,6 +103,8 @@ def write(
 ) -> None:
     """Write a stack in the format that the suffix names; a path without a suffix is a folder of PNG images.
 
+    A stack that was read from a job and goes to a job of the same format keeps every byte that did not change.
+
     force   replace what is there
     bits    1 or 8, for PNG images
     watch   told of each layer in order: its index, and the layer without its pixels
@@ -86,13 +112,27 @@ def write(
     refuses; then nothing is left behind.
     """
     path = Path(path)
-    format_for(path).write(path, stack, WriteOptions(printer, force, bits, watch))
+    options = WriteOptions(printer, force, bits, watch)
+    writer_for(path, stack)(path, stack, options)
+
+
+def writer_for(path: Path, stack: LayerStack) -> Callable[[Path, LayerStack, WriteOptions], None]:
+    """What writes `stack` to `path`. Raises OutputError if nothing does."""
+    if stack.container is not None and path.suffix.lower() in stack.container.suffixes:
+        return rewrite
+    found = format_for(path)
+    if found.write is None:
+        raise OutputError(
+            f"{path}: {found.name} are written only from jobs of the same kind; layerfix can write this one to"
+            f" {', '.join(f.suffixes[0] or 'a folder' for f in FORMATS if f.write)}"
+        )
+    return found.write
 
 
 def format_for(path: Path) -> Format:
     """The format that the suffix of an output names."""
     suffix = path.suffix.lower()
     for known in FORMATS:
-        if known.suffix == suffix:
+        if suffix in known.suffixes:
             return known
     raise OutputError(f"{path}: no writer for '{path.suffix}'; layerfix writes {known_suffixes()}")

@@ -22,12 +22,14 @@ from layerfix.files import reading, whole_file, whole_folder
 from layerfix.formats.encoding import encoded
 from layerfix.formats.png import SIGNATURE, encode_png
 from layerfix.formats.png_decode import decode_png
+from layerfix.formats.zips import Archive
 from layerfix.stack import Layer, LayerStack, layer_bounds_mm, layer_maker
 
 if TYPE_CHECKING:
     from layerfix.formats.options import Hints, WriteOptions
 
 TEXT_KEY = "layerfix"
+LARGEST_IMAGE = 1 << 30  # bytes of one PNG file
 HEAD_BYTES = 1024  # IHDR, pHYs and our tEXt come first and are shorter than this
 A_LONG_TIME_AGO = (1980, 1, 1, 0, 0, 0)  # the earliest time of a zip entry: same layers, same bytes
 
@@ -73,24 +75,18 @@ def read_folder(path: Path, hints: Hints) -> LayerStack:
     return _stack(Source(str(path), names, read, lambda name: read(name, HEAD_BYTES)), hints)
 
 
-def read_zip(path: Path, hints: Hints) -> LayerStack:
+def read_zip(archive: Archive, hints: Hints) -> LayerStack:
     """Every ``.png`` entry of the zip, as a stack that decodes when asked."""
-    try:
-        with reading(path):
-            archive = zipfile.ZipFile(path)
-    except (zipfile.BadZipFile, ValueError, NotImplementedError) as problem:
-        raise InputError(f"{path}: not a zip file ({problem})") from problem
-    names = sorted((n for n in archive.namelist() if _is_layer(n)), key=numeric_order)
-
-    def read(name: str, size: int = -1) -> bytes:
-        try:
-            with archive.open(name) as entry:
-                return entry.read(size)
-        except Exception as problem:
-            # zipfile lets through what its decompressors raise: zlib.error, LZMAError, EOFError, OSError …
-            raise InputError(f"{path}: entry {name} cannot be read ({problem})") from problem
-
-    return _stack(Source(str(path), names, read, lambda name: read(name, HEAD_BYTES)), hints)
+    names = sorted((n for n in archive.entries if _is_layer(n)), key=numeric_order)
+    return _stack(
+        Source(
+            str(archive.path),
+            names,
+            lambda name: archive.read(name, LARGEST_IMAGE),
+            lambda name: archive.head(name, HEAD_BYTES),
+        ),
+        hints,
+    )
 
 
 def _stack(source: Source, hints: Hints) -> LayerStack:
