@@ -47,7 +47,7 @@ KEYS: dict[str, Key] = {
     # every process             kind, how many, least, unit, meaning
     "maker":                      Key(str,   1, None, "",       "as on its plate"),
     "model":                      Key(str,   1, None, "",       "as on its plate"),
-    "process":                    Key(str,   1, None, "",       "what draws a layer: a panel, a nozzle, a beam", PROCESSES),
+    "process":                    Key(str,   1, None, "",       "what draws a layer: panel, nozzle, beam", PROCESSES),
     "build_mm":                   Key(float, 3, None, "mm",     "(x, y, z) it can print"),
     "layer_mm":                   Key(float, 1, None, "mm",     "usual layer height"),
     "first_layer_mm":             Key(float, 1, None, "mm",     "height of the first layer where it differs"),
@@ -191,7 +191,7 @@ def listing(printers: Iterable[Printer]) -> list[str]:
 
 def description(printer: Printer) -> list[str]:
     """A line for each value that is known: key, value with its unit, meaning."""
-    rows = [("name", printer.name, "what --printer takes")]
+    rows = [("name", printer.name, "that of its file")]
     for key, wanted in KEYS.items():
         value = getattr(printer, key)
         if value is not None and (value != "" or printer.pixels):  # without a panel, nothing is mirrored
@@ -203,9 +203,9 @@ def description(printer: Printer) -> list[str]:
 def _raster(printer: Printer) -> str:
     if printer.pixels:
         return f"{_written(printer.pixels)} px"
-    return (
-        f"{format_mm(printer.nozzle_mm)} nozzle" if printer.nozzle_mm else f"{format_mm(printer.pixel_mm[0])} pitch"
-    )
+    if printer.nozzle_mm:
+        return f"{format_mm(printer.nozzle_mm)} nozzle"
+    return f"{format_mm(printer.pixel_mm[0])} pitch"
 
 
 def _written(value: Any, between: str = " × ") -> str:
