@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from layerfix.errors import InputError, OutputError
 from layerfix.files import reading
-from layerfix.formats import png_stack, sl1
+from layerfix.formats import chitu, goo, png_stack, sl1
 from layerfix.formats.container import rewrite
 from layerfix.formats.options import Hints, WriteOptions
 from layerfix.formats.zips import Archive
@@ -43,11 +43,24 @@ FORMATS = (
     Format(("",), "folder of PNG images", png_stack.write_folder),
     Format((".zip",), "zip of PNG images", png_stack.write_zip),
     Format(sl1.SUFFIXES, "Prusa SL1, SL1S and M1 jobs", None),
+    Format(goo.SUFFIXES, "Elegoo GOO jobs", None),
+    Format(chitu.SUFFIXES, "Photon, CBDDLP and CTB jobs", None),
 )
 ZIP_KINDS = (
     ZipKind(sl1.recognises, sl1.read),
     ZipKind(lambda archive: True, png_stack.read_zip),
 )
+
+
+class BinaryKind(NamedTuple):
+    """A job in a format of its own: how its first bytes give it away, and how it is read."""
+
+    recognises: Callable[[bytes], bool]
+    read: Callable[[Path, Hints], LayerStack]
+
+
+BINARY_KINDS = (BinaryKind(goo.recognises, goo.read), BinaryKind(chitu.recognises, chitu.read))
+HEAD_BYTES = 16
 
 
 def known_suffixes() -> str:
@@ -83,12 +96,34 @@ def read(
         return png_stack.read_folder(path, hints)
     with reading(path):
         is_zip = zipfile.is_zipfile(path)
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    refused = refusal(path, head)
+    if refused:
+        raise InputError(refused)
+    for binary in BINARY_KINDS:
+        if binary.recognises(head):
+            return binary.read(path, hints)
     if is_zip and path.suffix.lower() not in MESH_SUFFIXES:
         archive = Archive(path)
         return next(kind for kind in ZIP_KINDS if kind.recognises(archive)).read(archive, hints)
     raise InputError(
         f"{path}: not a file that layerfix knows; it reads meshes ({' '.join(MESH_SUFFIXES)}), and layers from"
         f" {known_suffixes()}"
+    )
+
+
+def refusal(path: Path, head: bytes) -> str | None:
+    """Why a recognised kind of file is not read, and what to do instead."""
+    if head[:4] == chitu.ENCRYPTED.to_bytes(4, "little"):
+        kind = "an encrypted CTB"
+    elif head[:8] == b"ANYCUBIC" or path.suffix.lower() == ".pwsz":
+        kind = "one of Anycubic's own formats"
+    else:
+        return None
+    return (
+        f"{path}: {kind}, which layerfix does not read; go by UVtools: `UVtoolsCmd extract {path} layers -c Layers`,"
+        " correct the folder layers, and put it back with `UVtoolsCmd run` and its layer import"
     )
 
 

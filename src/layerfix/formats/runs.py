@@ -116,7 +116,7 @@ def encode_photon(rows, width):  # type: ignore[no-untyped-def]
 @njit
 def _ctb_chunk(data, i):  # type: ignore[no-untyped-def]
     """(grey value, length, index after the chunk); length -1 if the data end within it."""
-    code = np.int64(data[i])
+    code = int(data[i])
     value = (code & 0x7F) << 1
     if value:
         value |= 1
@@ -125,7 +125,7 @@ def _ctb_chunk(data, i):  # type: ignore[no-untyped-def]
         return value, 1, i
     if i >= data.shape[0]:
         return value, -1, i
-    first = np.int64(data[i])
+    first = int(data[i])
     i += 1
     if first & 0x80 == 0:
         return value, first, i
@@ -140,7 +140,7 @@ def _ctb_chunk(data, i):  # type: ignore[no-untyped-def]
     if i + more > data.shape[0]:
         return value, -1, i
     for _ in range(more):
-        length = length << 8 | np.int64(data[i])
+        length = length << 8 | int(data[i])
         i += 1
     return value, length, i
 
@@ -189,7 +189,11 @@ def _put_ctb(out, n, value, count):  # type: ignore[no-untyped-def]
         out[n], out[n + 1] = np.uint8(count >> 8 | 0x80), np.uint8(count & 255)
         return n + 2
     if count < 1 << 21:
-        out[n], out[n + 1], out[n + 2] = np.uint8(count >> 16 | 0xC0), np.uint8(count >> 8 & 255), np.uint8(count & 255)
+        out[n], out[n + 1], out[n + 2] = (
+            np.uint8(count >> 16 | 0xC0),
+            np.uint8(count >> 8 & 255),
+            np.uint8(count & 255),
+        )
         return n + 3
     out[n], out[n + 1] = np.uint8(count >> 24 | 0xE0), np.uint8(count >> 16 & 255)
     out[n + 2], out[n + 3] = np.uint8(count >> 8 & 255), np.uint8(count & 255)
@@ -267,7 +271,7 @@ def encode_greys(image, goo):  # type: ignore[no-untyped-def]
 @njit
 def _goo_chunk(data, i, before):  # type: ignore[no-untyped-def]
     """(grey value, length, index after the chunk) given the value before; length -1 if the data end within it."""
-    code = np.int64(data[i])
+    code = int(data[i])
     kind, more = code >> 6, code >> 4 & 3
     i += 1
     if kind == 2:
@@ -275,7 +279,7 @@ def _goo_chunk(data, i, before):  # type: ignore[no-untyped-def]
         if more & 1:
             if i >= data.shape[0]:
                 return before, -1, i
-            length = np.int64(data[i])
+            length = int(data[i])
             i += 1
         value = before - (code & 15) if more & 2 else before + (code & 15)
         return value & 255, length, i
@@ -283,11 +287,11 @@ def _goo_chunk(data, i, before):  # type: ignore[no-untyped-def]
     if i + more + (kind == 1) > data.shape[0]:
         return before, -1, i
     if kind == 1:
-        value = np.int64(data[i])
+        value = int(data[i])
         i += 1
     length = 0
     for _ in range(more):
-        length = length << 8 | np.int64(data[i])
+        length = length << 8 | int(data[i])
         i += 1
     return value, length << 4 | code & 15, i
 

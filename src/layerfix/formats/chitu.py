@@ -1,0 +1,246 @@
+"""Photon, CBDDLP and plain CTB: the binary jobs of ChiTu boards.
+
+Sources: catibo's cbddlp-ctb.adoc (BSD-2), uv3dp (MIT).
+
+Little-endian: a header, a table of 36-byte layer entries (z, exposure, light-off, data offset and size, …) and
+the layers' data anywhere. Photon and CBDDLP store planes of one bit, one table after the other: a pixel's grey is
+the share of planes it is set in. CTB stores 7-bit greys, XORed with a key stream if the header has a key.
+
+Rewriting keeps every byte but the changed layers' data and their offsets and sizes in the table: data that fit go
+where the old were, others to the end of the file, and nothing that points elsewhere has to move.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+from numba import njit, types
+
+from layerfix.bits import unpack, words_for
+from layerfix.errors import InputError
+from layerfix.files import reading
+from layerfix.formats import runs
+from layerfix.formats.container import Container, Frame, Spool, Totals, container_stack, hinted_pitch, repeats_of
+from layerfix.formats.png_decode import Decoded
+from layerfix.formats.zip_job import MAX_PANEL_PX
+from layerfix.greys import pack_from
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from layerfix.bits import Rows
+    from layerfix.formats.options import Hints
+    from layerfix.stack import LayerStack
+
+SUFFIXES = (".photon", ".cbddlp", ".ctb")
+PHOTON, CTB, CTB_V4, ENCRYPTED = 0x12FD0019, 0x12FD0086, 0x12FD0106, 0x12FD0107
+ENTRY = struct.Struct("<fffII")  # z, exposure, light-off, data offset, data size; 16 more bytes follow
+ENTRY_BYTES = 36
+MAX_LAYERS = 100_000
+MAX_PLANES = 16
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What the fixed part of the header says."""
+
+    magic: int
+    bed_mm: tuple[float, float]
+    layer_mm: float
+    width: int
+    height: int
+    table: int
+    layers: int
+    planes: int
+    key: int
+
+
+def recognises(head: bytes) -> bool:
+    """One of the plain magic numbers."""
+    return len(head) >= 4 and struct.unpack_from("<I", head)[0] in (PHOTON, CTB, CTB_V4)
+
+
+def read(path: Path, hints: Hints) -> LayerStack:
+    """The layers of a job. Raises InputError for headers and tables that point outside the file or make no sense."""
+    with reading(path), path.open("rb") as file:
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    header = _header(path, data)
+    places = _table(path, data, header)
+    first = places[: header.layers]
+    tops = [ENTRY.unpack_from(data, header.table + i * ENTRY_BYTES)[0] for i in range(header.layers)]
+    pixel_mm = hinted_pitch(
+        hints, (round(header.bed_mm[0] / header.width, 6), round(header.bed_mm[1] / header.height, 6))
+    )
+    assert pixel_mm is not None  # the file says it
+    frame = Frame(header.width, header.height, pixel_mm, _z_mm(path, tops, hints.layer_mm or header.layer_mm))
+    codec = _Codec(path, header, hints.threshold)
+
+    def payload(index: int) -> bytes:
+        planes = (places[index + k * header.layers] for k in range(header.planes))
+        return b"".join(struct.pack("<I", size) + data[at : at + size] for at, size in planes)
+
+    def save(target: BinaryIO, spool: Spool, totals: Totals) -> None:
+        _save(target, data, header, places, spool)
+
+    container = Container(
+        path, SUFFIXES, payload, codec.decode, codec.encode, save, hints.threshold, hints.grey_floor
+    )
+    same = None
+    if not header.key:
+        same = repeats_of(payload(i) == payload(i - 1) for i in range(1, len(first)))
+    return container_stack(container, frame, same)
+
+
+def _header(path: Path, data: mmap.mmap) -> _Header:
+    if len(data) < 0x70:
+        raise InputError(f"{path}: the file is cut short: {len(data)} bytes")
+    magic = struct.unpack_from("<I", data)[0]
+    bed = struct.unpack_from("<ff", data, 8)
+    (layer_mm,) = struct.unpack_from("<f", data, 0x20)
+    width, height = struct.unpack_from("<II", data, 0x34)
+    table, layers = struct.unpack_from("<II", data, 0x40)
+    (planes,) = struct.unpack_from("<I", data, 0x5C)
+    (key,) = struct.unpack_from("<I", data, 0x64)
+    version = struct.unpack_from("<I", data, 4)[0]
+    if magic != PHOTON or version < 2:
+        planes = 1
+    if magic == PHOTON:
+        key = 0
+    if not (0 < width * height <= MAX_PANEL_PX and width < 1 << 16 and height < 1 << 16):
+        raise InputError(f"{path}: the header says {width} × {height} px")
+    if not 0 < layers <= MAX_LAYERS:
+        raise InputError(f"{path}: the header says {layers} layers")
+    if not all(0 < side < 10_000 for side in bed) or not 0 < layer_mm < 10:
+        raise InputError(f"{path}: the header says a bed of {bed[0]:g} × {bed[1]:g} mm and layers of {layer_mm:g} mm")
+    if not 0 < max(planes, 1) <= MAX_PLANES:
+        raise InputError(f"{path}: the header says {planes} grey levels")
+    return _Header(magic, bed, round(layer_mm, 6), width, height, table, layers, max(planes, 1), key)
+
+
+def _table(path: Path, data: mmap.mmap, header: _Header) -> list[tuple[int, int]]:
+    """(offset, size) of every layer's data, plane after plane."""
+    count = header.layers * header.planes
+    if header.table + count * ENTRY_BYTES > len(data):
+        raise InputError(f"{path}: the file is cut short: its table of {count} layers ends past the end of the file")
+    places = []
+    for i in range(count):
+        at, size = ENTRY.unpack_from(data, header.table + i * ENTRY_BYTES)[3:]
+        if at + size > len(data):
+            raise InputError(
+                f"{path}: the file is cut short: layer {i % header.layers} ends past the end of the file"
+            )
+        places.append((at, size))
+    return places
+
+
+def _z_mm(path: Path, tops: list[float], layer_mm: float) -> NDArray[np.float64]:
+    """Bounds of the layers. The table holds where each begins or ends, by program; its steps are the heights."""
+    z = np.array(tops, np.float64)
+    if not np.isfinite(z).all() or (np.diff(z) <= 0).any():
+        raise InputError(f"{path}: the layers' heights do not rise")
+    bottoms = np.round(z - (z[0] if z[0] < layer_mm / 2 else layer_mm), 6)
+    return np.stack([bottoms, np.append(bottoms[1:], round(bottoms[-1] + layer_mm, 6))], axis=1)
+
+
+class _Codec:
+    """Payloads of one job. A payload is its planes' data, each after its size."""
+
+    def __init__(self, path: Path, header: _Header, threshold: int) -> None:
+        self.path, self.header, self.threshold = path, header, threshold
+
+    def decode(self, index: int, payload: bytes) -> Decoded:
+        h = self.header
+        planes = _split(payload)
+        if h.magic != PHOTON:
+            return self._decode_ctb(index, np.frombuffer(planes[0], np.uint8))
+        stack = []
+        for plane in planes:
+            rows = np.zeros((h.height, words_for(h.width)), np.uint64)
+            covered = runs.decode_photon(np.frombuffer(plane, np.uint8), h.width, rows)
+            self._check(index, covered)
+            stack.append(rows)
+        if len(stack) == 1 or all(np.array_equal(stack[0], other) for other in stack[1:]):
+            return Decoded(stack[0], None)
+        counts = np.zeros((h.height, h.width), np.uint16)
+        for rows in stack:
+            counts += unpack(rows, h.width)
+        grey = (counts * 255 // len(stack)).astype(np.uint8)
+        return Decoded(pack_from(grey, self.threshold), grey)
+
+    def _decode_ctb(self, index: int, data: NDArray[np.uint8]) -> Decoded:
+        h = self.header
+        if h.key:
+            data = data ^ key_stream(h.key, index, len(data))
+        rows = np.zeros((h.height, words_for(h.width)), np.uint64)
+        covered, greys = runs.decode_ctb(data, h.width, self.threshold, rows)
+        self._check(index, covered)
+        if not greys:
+            return Decoded(rows, None)
+        grey = np.zeros((h.height, h.width), np.uint8)
+        runs.decode_ctb_greys(data, grey)
+        return Decoded(rows, grey)
+
+    def _check(self, index: int, covered: int) -> None:
+        """Layers may be short (firmware leaves the rest dark), as some programs write them one pixel short."""
+        total = self.header.width * self.header.height
+        if covered < 0 or covered > total:
+            raise InputError(f"{self.path}: layer {index} is broken: its runs cover {covered} of {total} px")
+        if covered < total - self.header.width:
+            raise InputError(f"{self.path}: layer {index} is cut short: its runs cover {covered} of {total} px")
+
+    def encode(self, index: int, payload: bytes, rows: Rows, grey: NDArray[np.uint8] | None) -> bytes:
+        h = self.header
+        if h.magic == PHOTON:
+            levels = [rows] * h.planes
+            if grey is not None:
+                # Plane k is set where the grey is above k levels: the more planes, the lighter.
+                levels = [pack_from(grey, int(np.ceil((k + 1) * 255 / h.planes))) for k in range(h.planes)]
+            planes = [runs.encode_photon(np.ascontiguousarray(r), h.width).tobytes() for r in levels]
+        else:
+            data = runs.encode_runs(rows, h.width, False) if grey is None else runs.encode_greys(grey, False)
+            planes = [(data ^ key_stream(h.key, index, len(data)) if h.key else data).tobytes()]
+        return b"".join(struct.pack("<I", len(p)) + p for p in planes)
+
+
+def _split(payload: bytes) -> list[bytes]:
+    planes, at = [], 0
+    while at < len(payload):
+        (size,) = struct.unpack_from("<I", payload, at)
+        planes.append(payload[at + 4 : at + 4 + size])
+        at += 4 + size
+    return planes
+
+
+@njit(types.Array(types.uint8, 1, "C")(types.uint32, types.uint32, types.int64), cache=True, nogil=True)
+def key_stream(seed, layer, size):  # type: ignore[no-untyped-def]
+    """The bytes that a CTB layer is XORed with: words of a linear sequence, little-endian (catibo)."""
+    step = np.uint32(seed * np.uint32(0x2D83CDAC) + np.uint32(0xD8A83423))
+    key = np.uint32(np.uint32(layer * np.uint32(0x1E1530CD) + np.uint32(0xEC3D47CD)) * step)
+    out = np.empty(size, np.uint8)
+    for i in range(size):
+        out[i] = np.uint8(key >> np.uint32(8 * (i & 3)) & np.uint32(255))
+        if i & 3 == 3:
+            key = np.uint32(key + step)
+    return out
+
+
+def _save(target: BinaryIO, data: mmap.mmap, header: _Header, places: list[tuple[int, int]], spool: Spool) -> None:
+    """The file with changed layers' data in the old place if they fit, else at the end; the table says where."""
+    target.write(data)
+    for index in range(header.layers):
+        changed = spool.get(index)
+        for k, plane in enumerate(_split(changed) if changed is not None else []):
+            entry = index + k * header.layers
+            at, room = places[entry]
+            if len(plane) > room:
+                at = target.seek(0, 2)
+            target.seek(at)
+            target.write(plane)
+            target.seek(header.table + entry * ENTRY_BYTES + 12)
+            target.write(struct.pack("<II", at, len(plane)))
+    target.seek(0, 2)

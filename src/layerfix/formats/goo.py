@@ -1,0 +1,140 @@
+"""GOO V3: Elegoo's open format. Specification: "GOO format V1.2" by Elegoo; sizes as UVtools and mslicer agree.
+
+Big-endian: a header of 195,477 bytes with two RGB565 previews, then the layers one after the other (a 66-byte
+definition, the size, 0x55, the runs, a checksum, CR LF), then an ending.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from layerfix.bits import words_for
+from layerfix.errors import InputError
+from layerfix.files import reading
+from layerfix.formats import runs
+from layerfix.formats.container import Container, Frame, Spool, Totals, container_stack, hinted_pitch, repeats_of
+from layerfix.formats.png_decode import Decoded
+from layerfix.formats.zip_job import MAX_PANEL_PX
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from layerfix.bits import Rows
+    from layerfix.formats.options import Hints
+    from layerfix.stack import LayerStack
+
+SUFFIXES = (".goo",)
+MAGIC = bytes([7, 0, 0, 0]) + b"DLP\0"
+HEADER_BYTES = 195477
+LAYER = struct.Struct(">H15fH2s")  # pause, pause z, z, exposure, off time, …, light, CR LF
+ENDING = bytes([0, 0, 0]) + MAGIC
+# Offsets of header fields: 160 bytes of text, three shorts, two previews with their CR LF.
+LAYERS_AT = 4 + 8 + 32 + 24 + 24 + 32 + 32 + 32 + 6 + 2 * 116 * 116 + 2 + 2 * 290 * 290 + 2
+COUNTS = struct.Struct(">IHH??ffff")  # layers, x, y, mirrors, bed x y z, layer height
+VOLUME_AT = HEADER_BYTES - 3 - 4 - 8 - 12
+TAIL = struct.Struct(">fff8sI?H")  # volume mm³, weight g, price, currency, offset of the layers, 8-bit?, transitions
+MAX_LAYERS = 100_000
+
+
+def recognises(head: bytes) -> bool:
+    """The magic tag after the version."""
+    return head[4:12] == MAGIC
+
+
+def read(path: Path, hints: Hints) -> LayerStack:
+    """The layers of a job. Raises InputError for headers and layers that make no sense."""
+    with reading(path), path.open("rb") as file:
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    if len(data) < HEADER_BYTES:
+        raise InputError(f"{path}: the file is cut short: {len(data)} bytes")
+    count, width, height, _, _, bed_x, bed_y, _, layer_mm = COUNTS.unpack_from(data, LAYERS_AT)
+    offset = TAIL.unpack_from(data, VOLUME_AT)[4]
+    if not (0 < width * height <= MAX_PANEL_PX and 0 < count <= MAX_LAYERS):
+        raise InputError(f"{path}: the header says {count} layers of {width} × {height} px (only GOO V3 is read)")
+    if not (0 < bed_x < 10_000 and 0 < bed_y < 10_000 and 0 < layer_mm < 10):
+        raise InputError(f"{path}: the header says a bed of {bed_x:g} × {bed_y:g} mm and layers of {layer_mm:g} mm")
+    places, tops = _layers(path, data, offset, count)
+    pixel_mm = hinted_pitch(hints, (round(bed_x / width, 6), round(bed_y / height, 6)))
+    assert pixel_mm is not None  # the file says it
+    frame = Frame(width, height, pixel_mm, _z_mm(path, tops, hints.layer_mm or round(layer_mm, 6)))
+
+    def payload(index: int) -> bytes:
+        at, size = places[index]
+        return data[at : at + size]
+
+    def decode(index: int, packed: bytes) -> Decoded:
+        rows = np.zeros((height, words_for(width)), np.uint64)
+        pixels = np.frombuffer(packed, np.uint8)
+        covered, greys = runs.decode_goo(pixels, width, hints.threshold, rows)
+        if covered != width * height:
+            raise InputError(f"{path}: layer {index} is broken: its runs cover {covered} of {width * height} px")
+        if not greys:
+            return Decoded(rows, None)
+        grey = np.zeros((height, width), np.uint8)
+        runs.decode_goo_greys(pixels, grey)
+        return Decoded(rows, grey)
+
+    def encode(index: int, packed: bytes, rows: Rows, grey: NDArray[np.uint8] | None) -> bytes:
+        out = runs.encode_runs(rows, width, True) if grey is None else runs.encode_greys(grey, True)
+        return bytes(out)
+
+    def save(target: BinaryIO, spool: Spool, totals: Totals) -> None:
+        _save(target, data, places, spool, totals)
+
+    container = Container(path, SUFFIXES, payload, decode, encode, save, hints.threshold, hints.grey_floor)
+    same = repeats_of(payload(i) == payload(i - 1) for i in range(1, count))
+    return container_stack(container, frame, same)
+
+
+def _layers(path: Path, data: mmap.mmap, at: int, count: int) -> tuple[list[tuple[int, int]], list[float]]:
+    """((offset, size) of each layer's runs, each layer's z), checksums verified."""
+    places, tops = [], []
+    for index in range(count):
+        if at + LAYER.size + 4 > len(data):
+            raise InputError(f"{path}: the file is cut short: layer {index} of {count} is missing")
+        tops.append(LAYER.unpack_from(data, at)[2])
+        (size,) = struct.unpack_from(">I", data, at + LAYER.size)
+        start = at + LAYER.size + 4
+        if size < 2 or start + size + 2 > len(data):
+            raise InputError(f"{path}: the file is cut short: layer {index} ends past the end of the file")
+        if data[start] != 0x55:
+            raise InputError(f"{path}: layer {index} does not begin as layers do")
+        runs_bytes = np.frombuffer(data, np.uint8, size - 2, start + 1)
+        if (~int(runs_bytes.sum()) & 0xFF) != data[start + size - 1]:
+            raise InputError(f"{path}: layer {index} is broken: wrong checksum")
+        places.append((start + 1, size - 2))
+        at = start + size + 2
+    return places, tops
+
+
+def _z_mm(path: Path, tops: list[float], layer_mm: float) -> NDArray[np.float64]:
+    """Bounds of the layers; the file holds where each ends."""
+    z = np.round(np.array(tops, np.float64), 6)
+    if not np.isfinite(z).all() or (np.diff(z) <= 0).any():
+        raise InputError(f"{path}: the layers' heights do not rise")
+    return np.stack([np.append(max(z[0] - layer_mm, 0.0) if z[0] > 0 else z[0] - layer_mm, z[:-1]), z], axis=1)
+
+
+def _save(target: BinaryIO, data: mmap.mmap, places: list[tuple[int, int]], spool: Spool, totals: Totals) -> None:
+    """The file with the runs of changed layers replaced, their sizes and checksums, and the volume."""
+    volume, weight, price, *rest = TAIL.unpack_from(data, VOLUME_AT)
+    done = 0
+    for index, (at, size) in enumerate(places):
+        changed = spool.get(index)
+        if changed is None:
+            continue
+        target.write(data[done : at - 5])
+        target.write(struct.pack(">I", len(changed) + 2) + b"\x55" + changed)
+        target.write(bytes([~sum(changed) & 0xFF]))
+        done = at + size + 1
+    target.write(data[done:])
+    if volume > 0:
+        grown = max(volume + totals.added_mm3, 0.0) / volume
+        target.seek(VOLUME_AT)
+        target.write(TAIL.pack(volume * grown, weight * grown, price * grown, *rest))
+        target.seek(0, 2)
