@@ -2,9 +2,14 @@
 
 import re
 import shlex
+import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import layerfix as lf
+from layerfix.formats.png import encode_png
 
 from tests.making import run_layerfix
 
@@ -24,6 +29,11 @@ def folder(tmp_path, monkeypatch):
 
     save_stl(tmp_path / "part.stl", sample("test-part").mesh())
     toml = next(text for kind, text in BLOCKS if kind == "toml")
+    with zipfile.ZipFile(tmp_path / "job.sl1", "w") as job:
+        job.writestr("config.ini", "jobDir = fin\nlayerHeight = 0.05\nusedMaterial = 1.0\n")
+        fin = np.zeros((2560, 1440), bool)
+        fin[100:900, 700:702] = True
+        job.writestr("fin00000.png", encode_png(lf.pack(fin), 1440))
     (tmp_path / "my.toml").write_text(toml, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -94,13 +94,14 @@ def layerfix() -> None:
 def fix(source: Path, target: Path, as_json: bool, **given: Any) -> None:
     """Correct IN and write the layers to OUT.
 
-    IN is a mesh (.stl .obj .ply .off .3mf .glb), a folder of PNG images, or a zip of them.
-    OUT is a folder (no suffix) or a .zip of PNG images.
+    IN is a mesh (.stl .obj .ply .off .3mf .glb), a resin job (.sl1 .sl1s .m1 .goo .ctb .photon .cbddlp), or a
+    folder or zip of PNG images. OUT is a job of the same kind as IN, or a folder (no suffix) or .zip of images.
 
     \b
     Examples:
       layerfix fix part.stl layers -p prusa-sl1s
       layerfix fix part.3mf layers.zip --pixel 50um --layer 0.05mm --min-feature 0.4mm
+      layerfix fix job.sl1 fixed.sl1 --min-feature 0.15mm
       layerfix fix layers.zip fixed.zip --min-feature 0.15mm --mode add_only
     """
     with _kernels_ready():

@@ -83,7 +83,7 @@ def decode_photon(data, width, rows):  # type: ignore[no-untyped-def]
         count = np.int64(data[i] & 0x7F)
         if data[i] & 0x80 and at < total:
             _set_run(rows, width, at, min(count, total - at))
-        at += count
+        at += int(count)
     return at
 
 
@@ -127,7 +127,7 @@ def _ctb_chunk(data, i):  # type: ignore[no-untyped-def]
         return value, -1, i
     first = int(data[i])
     i += 1
-    if first & 0x80 == 0:
+    if not first & 0x80:
         return value, first, i
     if first & 0xC0 == 0x80:
         more, length = 1, first & 0x3F
