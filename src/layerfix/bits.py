@@ -73,3 +73,37 @@ def popcount(x):  # type: ignore[no-untyped-def]
 def lowest_bit(x):  # type: ignore[no-untyped-def]
     """Index of the lowest set bit of a word that is not 0."""
     return popcount((x & (U0 - x)) - U1)
+
+
+@njit(WORK(ROWS, types.int64), cache=True, nogil=True)
+def _mirror_columns(rows, width):  # type: ignore[no-untyped-def]
+    height, words = rows.shape
+    out = np.zeros((height, words), np.uint64)
+    shift = np.uint64(64 * words - width)
+    for y in range(height):
+        for w in range(words):
+            x = rows[y, w]
+            if x == U0:
+                continue
+            for half, mask in (
+                (np.uint64(1), np.uint64(0x5555555555555555)),
+                (np.uint64(2), np.uint64(0x3333333333333333)),
+                (np.uint64(4), np.uint64(0x0F0F0F0F0F0F0F0F)),
+                (np.uint64(8), np.uint64(0x00FF00FF00FF00FF)),
+                (np.uint64(16), np.uint64(0x0000FFFF0000FFFF)),
+                (np.uint64(32), np.uint64(0x00000000FFFFFFFF)),
+            ):
+                x = ((x >> half) & mask) | ((x & mask) << half)
+            # Reversed, the row's pixels end at the last bit; move them down to bit 0.
+            at = words - 1 - w
+            out[y, at] |= x >> shift
+            if shift != U0 and at > 0:
+                out[y, at - 1] |= x << (np.uint64(64) - shift)
+    return out
+
+
+def mirrored(rows: Rows, width: int, axes: str) -> Rows:
+    """(H, words): the layer mirrored along its columns ("x"), its rows ("y"), both or neither ("")."""
+    if "x" in axes:
+        rows = _mirror_columns(rows, width)
+    return np.ascontiguousarray(rows[::-1]) if "y" in axes else rows

@@ -7,22 +7,37 @@ Sources: the firmware's project reader (keys), PrusaSlicer's archive writer.
 
 from __future__ import annotations
 
+import io
+import os
 import re
+import time
+import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from layerfix.errors import InputError
+from layerfix.bits import mirrored
+from layerfix.errors import InputError, OutputError
+from layerfix.files import whole_file
 from layerfix.formats.container import Frame, Totals, hinted_pitch
+from layerfix.formats.encoding import encoded
+from layerfix.formats.png import encode_png
+from layerfix.formats.preview import Preview
 from layerfix.formats.zip_job import check_layers, zip_job
 from layerfix.formats.zips import Archive
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import Hints
-    from layerfix.stack import LayerStack
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from layerfix.formats.options import Hints, WriteOptions
+    from layerfix.printers import Printer
+    from layerfix.stack import Layer, LayerStack
 
 SUFFIXES = (".sl1", ".sl1s", ".m1")
 CONFIG, SLICER = "config.ini", "prusaslicer.ini"
+THUMBNAILS = ((400, 400), (800, 480))
+SECONDS_BETWEEN_LAYERS = 6.0  # tilting, roughly; the firmware makes its own estimate
 # Panels of the three printers by image size, for jobs without prusaslicer.ini.
 PITCH_BY_SIZE = {(1440, 2560): 0.04725, (1620, 2560): 0.05}
 
@@ -97,3 +112,113 @@ def with_used_material(config: bytes, added_ml: float) -> bytes:
         return match[1] + f"{max(float(match[2]) + added_ml, 0):.6f}".encode()
 
     return re.sub(rb"(?m)^(usedMaterial\s*=\s*)([0-9.]+)", changed, config)
+
+
+def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+    """A new job for one of Prusa's resin printers: exposure from the printer's file, previews drawn.
+
+    Raises OutputError without a printer, for one that lacks exposures or is no SL1, and for layers of another size.
+    """
+    printer = _checked_printer(path, stack, options)
+    job, preview = path.stem, Preview(stack)
+    mirror, width = printer.mirror, stack.width
+    volume_mm3 = 0.0
+
+    def encode(layer: Layer) -> tuple[bytes, NDArray[np.bool_], int]:
+        return encode_png(mirrored(layer.rows, width, mirror), width), preview.reduce(layer), layer.count_px()
+
+    pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
+    with whole_file(path, force=options.force) as file, zipfile.ZipFile(file, "w") as archive:
+        for index, (data, blocks, solid_px) in enumerate(encoded(stack, encode, options.watch, once=True)):
+            bottom, top = stack.z_mm[index].tolist()
+            preview.add(blocks, top)
+            volume_mm3 += solid_px * pixel_mm2 * (top - bottom)
+            archive.writestr(_entry(f"{job}{index:05}.png"), data)
+        for size in THUMBNAILS:
+            picture = io.BytesIO()
+            preview.picture(size).save(picture, "PNG")
+            archive.writestr(_entry(f"thumbnail/thumbnail{size[0]}x{size[1]}.png"), picture.getvalue())
+        archive.writestr(_entry(CONFIG), _config(job, stack, printer, volume_mm3))
+        archive.writestr(_entry(SLICER), _slicer(stack, printer))
+
+
+def _checked_printer(path: Path, stack: LayerStack, options: WriteOptions) -> Printer:
+    printer = options.printer
+    if printer is None:
+        raise OutputError(f"{path}: a new job needs the printer's exposure and panel; give --printer")
+    if printer.format not in SUFFIXES:
+        raise OutputError(f"{path}: {printer.name} takes {printer.format or 'other'} jobs, not {' '.join(SUFFIXES)}")
+    missing = [key for key in ("exposure_s", "bottom_exposure_s", "pixels") if getattr(printer, key) is None]
+    if missing:
+        raise OutputError(f"{path}: the file of printer {printer.name} lacks {', '.join(missing)}")
+    if printer.pixels != (stack.width, stack.height):
+        raise OutputError(
+            f"{path}: the layers are {stack.width} × {stack.height} px, the panel of {printer.name} has"
+            f" {' × '.join(map(str, printer.pixels or ()))}; slice for this printer (without --pixel)"
+        )
+    return printer
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    return zipfile.ZipInfo(name, time.gmtime(_now())[:6])
+
+
+def _now() -> float:
+    """The time of writing, or SOURCE_DATE_EPOCH, so that builds can be reproduced."""
+    return float(os.environ.get("SOURCE_DATE_EPOCH", time.time()))
+
+
+def _heights_mm(stack: LayerStack) -> tuple[float, float]:
+    """(first layer, the others)."""
+    first = stack.z_mm[0, 1] - stack.z_mm[0, 0]
+    other = stack.z_mm[-1, 1] - stack.z_mm[-1, 0]
+    return round(float(first), 6), round(float(other), 6)
+
+
+def _config(job: str, stack: LayerStack, printer: Printer, volume_mm3: float) -> str:
+    """config.ini: what the firmware reads."""
+    model = re.search(r"\b(SL1S|SL1|M1)\b", printer.model)
+    fade = printer.transition_layers or 0
+    values = {
+        "action": "print",
+        "expTime": f"{printer.exposure_s:g}",
+        "expTimeFirst": f"{printer.bottom_exposure_s:g}",
+        "expUserProfile": 0,
+        "fileCreationTimestamp": time.strftime("%Y-%m-%d at %H:%M:%S UTC", time.gmtime(_now())),
+        "hollow": 0,
+        "jobDir": job,
+        "layerHeight": f"{_heights_mm(stack)[1]:g}",
+        "materialName": "layerfix",
+        "numFade": fade,
+        "numFast": len(stack),
+        "numSlow": 0,
+        "printProfile": "layerfix",
+        "printTime": f"{len(stack) * ((printer.exposure_s or 0) + SECONDS_BETWEEN_LAYERS):.6f}",
+        "printerModel": model[1] if model else "SL1",
+        "printerProfile": printer.model,
+        "printerVariant": "default",
+        "usedMaterial": f"{volume_mm3 / 1000:.6f}",
+    }
+    return "".join(f"{key} = {value}\n" for key, value in values.items())
+
+
+def _slicer(stack: LayerStack, printer: Printer) -> str:
+    """prusaslicer.ini: the panel, for programs that look there (UVtools does)."""
+    first, other = _heights_mm(stack)
+    values = {
+        "display_height": f"{printer.build_mm[1]:g}",
+        "display_mirror_x": int("x" in printer.mirror),
+        "display_mirror_y": int("y" in printer.mirror),
+        "display_orientation": "landscape",
+        "display_pixels_x": stack.width,
+        "display_pixels_y": stack.height,
+        "display_width": f"{printer.build_mm[0]:g}",
+        "exposure_time": f"{printer.exposure_s:g}",
+        "faded_layers": printer.transition_layers or 0,
+        "initial_exposure_time": f"{printer.bottom_exposure_s:g}",
+        "initial_layer_height": f"{first:g}",
+        "layer_height": f"{other:g}",
+        "printer_model": printer.model,
+        "printer_settings_id": printer.name,
+    }
+    return "".join(f"{key} = {value}\n" for key, value in values.items())
