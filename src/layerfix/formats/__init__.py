@@ -43,7 +43,7 @@ FORMATS = (
     Format(("",), "folder of PNG images", png_stack.write_folder),
     Format((".zip",), "zip of PNG images", png_stack.write_zip),
     Format(sl1.SUFFIXES, "Prusa SL1, SL1S and M1 jobs", sl1.write),
-    Format(goo.SUFFIXES, "Elegoo GOO jobs", None),
+    Format(goo.SUFFIXES, "Elegoo GOO jobs", goo.write),
     Format(chitu.SUFFIXES, "Photon, CBDDLP and CTB jobs", None),
 )
 ZIP_KINDS = (

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from layerfix.errors import OutputError
+
 if TYPE_CHECKING:
+    from layerfix.formats.options import WriteOptions
+    from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
 
 Data = TypeVar("Data")
@@ -25,3 +30,25 @@ def encoded(stack: LayerStack, encode: Callable[[Layer], Data], watch: Watch | N
             bottom, top = stack.z_mm[index].tolist()
             watch(index, replace(facts, z_mm=(bottom, top)))
         yield data
+
+
+def checked_printer(path: Path, stack: LayerStack, options: WriteOptions, suffixes: tuple[str, ...]) -> Printer:
+    """The printer a new job is for.
+
+    Raises OutputError if none is given, if it takes other jobs or its file lacks exposures, and if the layers
+    are not the size of its panel.
+    """
+    printer = options.printer
+    if printer is None:
+        raise OutputError(f"{path}: a new job needs the printer's exposure and panel; give --printer")
+    if printer.format not in suffixes:
+        raise OutputError(f"{path}: {printer.name} takes {printer.format or 'other'} jobs, not {' '.join(suffixes)}")
+    missing = [key for key in ("exposure_s", "bottom_exposure_s", "pixels") if getattr(printer, key) is None]
+    if missing:
+        raise OutputError(f"{path}: the file of printer {printer.name} lacks {', '.join(missing)}")
+    if printer.pixels != (stack.width, stack.height):
+        raise OutputError(
+            f"{path}: the layers are {stack.width} × {stack.height} px, the panel of {printer.name} has"
+            f" {' × '.join(map(str, printer.pixels or ()))}; slice for this printer (without --pixel)"
+        )
+    return printer

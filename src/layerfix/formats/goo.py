@@ -8,25 +8,31 @@ from __future__ import annotations
 
 import mmap
 import struct
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from layerfix.bits import words_for
+from layerfix import __version__
+from layerfix.bits import mirrored, words_for
 from layerfix.errors import InputError
-from layerfix.files import reading
+from layerfix.files import reading, whole_file
 from layerfix.formats import runs
 from layerfix.formats.container import Container, Frame, Spool, Totals, container_stack, hinted_pitch, repeats_of
+from layerfix.formats.encoding import checked_printer, encoded
 from layerfix.formats.png_decode import Decoded
+from layerfix.formats.preview import Preview
 from layerfix.formats.zip_job import MAX_PANEL_PX
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from PIL.Image import Image as Picture
 
-    from layerfix.bits import Rows
-    from layerfix.formats.options import Hints
-    from layerfix.stack import LayerStack
+    from layerfix.bits import Image, Rows
+    from layerfix.formats.options import Hints, WriteOptions
+    from layerfix.printers import Printer
+    from layerfix.stack import Layer, LayerStack
 
 SUFFIXES = (".goo",)
 MAGIC = bytes([7, 0, 0, 0]) + b"DLP\0"
@@ -39,6 +45,9 @@ COUNTS = struct.Struct(">IHH??ffff")  # layers, x, y, mirrors, bed x y z, layer 
 VOLUME_AT = HEADER_BYTES - 3 - 4 - 8 - 12
 TAIL = struct.Struct(">fff8sI?H")  # volume mm³, weight g, price, currency, offset of the layers, 8-bit?, transitions
 MAX_LAYERS = 100_000
+# For printers whose file says nothing of them.
+TYPICAL_LIFT_MM, TYPICAL_LIFT_MM_MIN, TYPICAL_RETRACT_MM_MIN = 7.0, 80.0, 180.0
+TYPICAL_DENSITY_G_ML = 1.1
 
 
 def recognises(head: bytes) -> bool:
@@ -118,6 +127,95 @@ def _z_mm(path: Path, tops: list[float], layer_mm: float) -> NDArray[np.float64]
     if not np.isfinite(z).all() or (np.diff(z) <= 0).any():
         raise InputError(f"{path}: the layers' heights do not rise")
     return np.stack([np.append(max(z[0] - layer_mm, 0.0) if z[0] > 0 else z[0] - layer_mm, z[:-1]), z], axis=1)
+
+
+def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+    """A new job: exposure, lifts and speeds from the printer's file, previews drawn.
+
+    Raises OutputError without a printer that takes GOO, and for layers that are not its panel's size.
+    """
+    printer = checked_printer(path, stack, options, SUFFIXES)
+    preview = Preview(stack)
+    width, mirror = stack.width, printer.mirror
+    pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
+    volume_mm3 = 0.0
+
+    def encode(layer: Layer) -> tuple[bytes, Image, int]:
+        rows = mirrored(layer.rows, width, mirror)
+        return bytes(runs.encode_runs(rows, width, True)), preview.reduce(layer), layer.count_px()
+
+    with whole_file(path, force=options.force) as file:
+        file.write(bytes(HEADER_BYTES))
+        for index, (data, blocks, solid_px) in enumerate(encoded(stack, encode, options.watch, once=True)):
+            bottom, top = stack.z_mm[index].tolist()
+            preview.add(blocks, top)
+            volume_mm3 += solid_px * pixel_mm2 * (top - bottom)
+            file.write(_definition(printer, index, top))
+            file.write(struct.pack(">I", len(data) + 2) + b"\x55" + data + bytes([~sum(data) & 0xFF]) + b"\r\n")
+        file.write(ENDING)
+        file.seek(0)
+        file.write(_new_header(stack, printer, preview, volume_mm3))
+        file.seek(0, 2)
+
+
+def _lifts(printer: Printer) -> tuple[float, float, float, float, float]:
+    """(lift, its speed, the bottom's lift, its speed, the way back's speed), typical where the file says nothing."""
+    lift, speed = printer.lift_mm or TYPICAL_LIFT_MM, printer.lift_mm_min or TYPICAL_LIFT_MM_MIN
+    bottom = printer.bottom_lift_mm or lift, printer.bottom_lift_mm_min or speed
+    return lift, speed, *bottom, printer.retract_mm_min or TYPICAL_RETRACT_MM_MIN
+
+
+def _exposure_s(printer: Printer, index: int) -> float:
+    """Bottom exposure, then the usual one, with the transition layers in between."""
+    usual, bottom = printer.exposure_s or 0.0, printer.bottom_exposure_s or 0.0
+    past = index + 1 - (printer.bottom_layers or 0)
+    steps = (printer.transition_layers or 0) + 1
+    return bottom + (usual - bottom) * min(max(past, 0), steps) / steps
+
+
+def _definition(printer: Printer, index: int, z_mm: float) -> bytes:
+    """A layer's definition: what the printer does after it."""
+    is_bottom = index < (printer.bottom_layers or 0)
+    lift, speed, bottom_lift, bottom_speed, back = _lifts(printer)
+    up, up_speed = (bottom_lift, bottom_speed) if is_bottom else (lift, speed)
+    pwm = printer.bottom_light_pwm if is_bottom else printer.light_pwm
+    wait = printer.light_off_s or 0.0
+    return LAYER.pack(
+        0, 0.0, z_mm, _exposure_s(printer, index), wait, 0.0, 0.0, wait, up, up_speed, 0.0, 0.0, up, back, 0.0, 0.0,
+        255 if pwm is None else pwm, b"\r\n",
+    )  # fmt: skip
+
+
+def _new_header(stack: LayerStack, printer: Printer, preview: Preview, volume_mm3: float) -> bytes:
+    lift, speed, bottom_lift, bottom_speed, back = _lifts(printer)
+    wait, usual = printer.light_off_s or 0.0, printer.exposure_s or 0.0
+    moves_s = 60 * (lift / speed + lift / back)
+    seconds = sum(_exposure_s(printer, i) + wait + moves_s for i in range(len(stack)))
+    texts = (MAGIC, b"layerfix", __version__.encode(), time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime()).encode(),
+             printer.model.encode("ascii", "replace"), printer.name.encode("ascii", "replace"), b"default")  # fmt: skip
+    head = struct.pack(">4s8s32s24s24s32s32s32s3H", b"V3.0", *texts, 1, 0, 0)
+    thumbnails = b"".join(_rgb565(preview.picture((side, side))) + b"\r\n" for side in (116, 290))
+    height = stack.z_mm[-1, 1] - stack.z_mm[-1, 0]
+    counts = COUNTS.pack(len(stack), stack.width, stack.height, "x" in printer.mirror, "y" in printer.mirror,
+                         *printer.build_mm, round(float(height), 6))  # fmt: skip
+    times = struct.pack(
+        ">f?8fI16f2H?I", usual, True, wait, 0.0, 0.0, wait, 0.0, 0.0, wait,
+        printer.bottom_exposure_s, printer.bottom_layers or 0,
+        bottom_lift, bottom_speed, lift, speed, bottom_lift, back, lift, back, *([0.0] * 8),
+        255 if printer.bottom_light_pwm is None else printer.bottom_light_pwm,
+        255 if printer.light_pwm is None else printer.light_pwm, True, round(seconds),
+    )  # fmt: skip
+    grams = volume_mm3 / 1000 * TYPICAL_DENSITY_G_ML
+    tail = TAIL.pack(volume_mm3, grams, 0.0, b"$", HEADER_BYTES, True, printer.transition_layers or 0)
+    header = head + thumbnails + counts + times + tail
+    assert len(header) == HEADER_BYTES
+    return header
+
+
+def _rgb565(picture: Picture) -> bytes:
+    """Big-endian 16-bit pixels: 5 bits red, 6 green, 5 blue."""
+    red, green, blue = (np.asarray(band, np.uint16) for band in picture.split())
+    return (red >> 3 << 11 | green >> 2 << 5 | blue >> 3).astype(">u2").tobytes()
 
 
 def _save(target: BinaryIO, data: mmap.mmap, places: list[tuple[int, int]], spool: Spool, totals: Totals) -> None:

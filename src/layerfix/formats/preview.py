@@ -9,9 +9,9 @@ import numpy as np
 from layerfix.bits import unpack
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from PIL.Image import Image as Picture
 
+    from layerfix.bits import Image
     from layerfix.stack import Layer, LayerStack
 
 LONGEST_PX = 640
@@ -27,23 +27,22 @@ class Preview:
         self.pitch_mm = stack.pixel_mm[0] * self.block, stack.pixel_mm[1] * self.block
         self.heights = np.full((-(-stack.height // self.block), -(-stack.width // self.block)), -1.0)
 
-    def reduce(self, layer: Layer) -> NDArray[np.bool_]:
+    def reduce(self, layer: Layer) -> Image:
         """Which blocks hold a solid pixel; safe in threads."""
         starts = np.arange(0, layer.height, self.block)
         rows = np.bitwise_or.reduceat(layer.rows, starts, axis=0)
         image = unpack(rows, layer.width)
         padded = np.zeros((len(starts), self.heights.shape[1] * self.block), np.bool_)
         padded[:, : layer.width] = image
-        blocks: NDArray[np.bool_] = padded.reshape(len(starts), -1, self.block).any(axis=2)
-        return blocks
+        return np.asarray(padded.reshape(len(starts), -1, self.block).any(axis=2))
 
-    def add(self, blocks: NDArray[np.bool_], top_mm: float) -> None:
+    def add(self, blocks: Image, top_mm: float) -> None:
         """Take in one layer; in order from below."""
         self.heights[blocks] = top_mm
 
     def picture(self, size: tuple[int, int]) -> Picture:
         """The part, shaded, in the middle of a picture of `size` (width, height)."""
-        from PIL import Image
+        import PIL.Image
 
         solid = self.heights >= 0
         heights = np.where(solid, self.heights, 0.0)
@@ -59,7 +58,7 @@ class Preview:
             image = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         wide, high = image.shape[1] * self.pitch_mm[0], image.shape[0] * self.pitch_mm[1]
         scale = 0.9 * min(size[0] / wide, size[1] / high)
-        part = Image.fromarray(image).resize((max(round(wide * scale), 1), max(round(high * scale), 1)))
-        canvas = Image.new("RGB", size, BACKGROUND)
+        part = PIL.Image.fromarray(image).resize((max(round(wide * scale), 1), max(round(high * scale), 1)))
+        canvas = PIL.Image.new("RGB", size, BACKGROUND)
         canvas.paste(part, ((size[0] - part.width) // 2, (size[1] - part.height) // 2))
         return canvas

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from layerfix.bits import mirrored
-from layerfix.errors import InputError, OutputError
+from layerfix.errors import InputError
 from layerfix.files import whole_file
 from layerfix.formats.container import Frame, Totals, hinted_pitch
-from layerfix.formats.encoding import encoded
+from layerfix.formats.encoding import checked_printer, encoded
 from layerfix.formats.png import encode_png
 from layerfix.formats.preview import Preview
 from layerfix.formats.zip_job import check_layers, zip_job
@@ -27,9 +27,7 @@ from layerfix.formats.zips import Archive
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from layerfix.bits import Image
     from layerfix.formats.options import Hints, WriteOptions
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
@@ -119,12 +117,12 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
 
     Raises OutputError without a printer, for one that lacks exposures or is no SL1, and for layers of another size.
     """
-    printer = _checked_printer(path, stack, options)
+    printer = checked_printer(path, stack, options, SUFFIXES)
     job, preview = path.stem, Preview(stack)
     mirror, width = printer.mirror, stack.width
     volume_mm3 = 0.0
 
-    def encode(layer: Layer) -> tuple[bytes, NDArray[np.bool_], int]:
+    def encode(layer: Layer) -> tuple[bytes, Image, int]:
         return encode_png(mirrored(layer.rows, width, mirror), width), preview.reduce(layer), layer.count_px()
 
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
@@ -140,23 +138,6 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
             archive.writestr(_entry(f"thumbnail/thumbnail{size[0]}x{size[1]}.png"), picture.getvalue())
         archive.writestr(_entry(CONFIG), _config(job, stack, printer, volume_mm3))
         archive.writestr(_entry(SLICER), _slicer(stack, printer))
-
-
-def _checked_printer(path: Path, stack: LayerStack, options: WriteOptions) -> Printer:
-    printer = options.printer
-    if printer is None:
-        raise OutputError(f"{path}: a new job needs the printer's exposure and panel; give --printer")
-    if printer.format not in SUFFIXES:
-        raise OutputError(f"{path}: {printer.name} takes {printer.format or 'other'} jobs, not {' '.join(SUFFIXES)}")
-    missing = [key for key in ("exposure_s", "bottom_exposure_s", "pixels") if getattr(printer, key) is None]
-    if missing:
-        raise OutputError(f"{path}: the file of printer {printer.name} lacks {', '.join(missing)}")
-    if printer.pixels != (stack.width, stack.height):
-        raise OutputError(
-            f"{path}: the layers are {stack.width} × {stack.height} px, the panel of {printer.name} has"
-            f" {' × '.join(map(str, printer.pixels or ()))}; slice for this printer (without --pixel)"
-        )
-    return printer
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
