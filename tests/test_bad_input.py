@@ -233,14 +233,14 @@ CASES = {
     "pixels without end": Case(part, ("part.stl", "out", *FIX, "--pixel", "10nm"), ("part.stl", "larger pixels")),
     # Printers
     "larger than the printer": Case(
-        sized(20), ("part.stl", "out", "-p", "prusa-sl1s"), ("part.stl", "240 × 140 × 70", "128 × 81 × 150")
+        sized(20), ("part.stl", "out", "-p", "prusa-sl1s"), ("part.stl", "240 × 140 × 70", "81 × 128 × 150")
     ),
     "taller than the printer": Case(
         lambda folder: write_stl(folder / "part.stl", box([0, 0, 0], [9, 9, 151])) and None,
-        ("part.stl", "out", "-p", "prusa-sl1s"), ("part.stl", "9 × 9 × 151", "128 × 81 × 150"),
+        ("part.stl", "out", "-p", "prusa-sl1s"), ("part.stl", "9 × 9 × 151", "81 × 128 × 150"),
     ),
     "an unknown printer": Case(
-        part, ("part.stl", "out", "-p", "prusa-sl1"), ("prusa-sl1", "prusa-sl1s", "layerfix printers")
+        part, ("part.stl", "out", "-p", "prusa-sl2"), ("prusa-sl2", "prusa-sl1s", "layerfix printers")
     ),
     "no such printer file": Case(part, ("part.stl", "out", "-p", "mine.toml"), ("mine.toml", "no such file")),
     "a printer that is no toml": Case(

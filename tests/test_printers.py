@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import struct
+import zipfile
 from dataclasses import asdict, fields
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import pytest
 from layerfix import Printer, load_printer
 from layerfix.errors import InputError
 from layerfix.printers import KEYS, description, find_printers, listing, printer_folder, printer_names
-from tests.making import Run, run_layerfix
+from tests.making import SHARED, Run, run_layerfix
 
 every_printer = pytest.mark.parametrize("name", printer_names())
 RESIN = [name for name in printer_names() if load_printer(name).process == "resin"]
@@ -127,6 +129,19 @@ def test_the_resin_printers_people_have(line):
     assert printer.pixels == tuple(map(int, pixels.split("x")))
     assert printer.pixel_mm == pytest.approx([float(um) / 1000 for um in pitch_um.split("x")])
     assert printer.format == suffix
+
+
+@pytest.mark.parametrize(
+    ("name", "job", "layer"),
+    [("prusa-sl1", "layer_change.sl1", "layer_change00000.png"),
+     ("prusa-sl1s", "UVtools_demo_file.sl1s", "UVtools_demo_file00000.png")],
+)  # fmt: skip
+def test_the_images_of_a_real_job_have_the_printers_pixels(name, job, layer):
+    """Columns and rows of the PNG, also where the profile calls the panel 2560 wide and turns it."""
+    if not (SHARED / "samples" / job).is_file():
+        pytest.skip("other people's job files are not here")
+    with zipfile.ZipFile(SHARED / "samples" / job) as file:
+        assert struct.unpack(">II", file.read(layer)[16:24]) == load_printer(name).pixels
 
 
 @pytest.mark.parametrize("line", EXPECTED_FDM.strip().splitlines())

@@ -94,8 +94,9 @@ def layerfix() -> None:
 def fix(source: Path, target: Path, as_json: bool, **given: Any) -> None:
     """Correct IN and write the layers to OUT.
 
-    IN is a mesh (.stl .obj .ply .off .3mf .glb), a resin job (.sl1 .sl1s .m1 .goo .ctb .photon .cbddlp), or a
-    folder or zip of PNG images. OUT is a job of the same kind as IN, or a folder (no suffix) or .zip of images.
+    IN is a mesh (.stl .obj .ply .off .3mf .glb), a resin job (.sl1 .sl1s .m1 .goo .ctb .photon .cbddlp
+    .nanodlp .cws, Chitubox .zip), or a folder or zip of PNG images. OUT is a job of the same kind as IN, a new
+    .sl1, .sl1s or .goo, or a folder (no suffix) or .zip of PNG images.
 
     \b
     Examples:

@@ -115,7 +115,7 @@ def open_stack(source: Path, options: Options) -> LayerStack:
     first_mm = options.first_layer_mm or (printer.first_layer_mm if printer and not options.layer_mm else None)
     min_feature_mm = _min_feature_mm(options)
     feature_radius_px(min_feature_mm, pixel_mm)
-    mesh = load_mesh(source, unit=options.unit)
+    mesh = _turned_to_fit(load_mesh(source, unit=options.unit), printer)
     _check_size(mesh, printer, min_feature_mm)
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
     return slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
@@ -168,6 +168,15 @@ def _min_feature_mm(options: Options) -> float:
     if options.printer is None:
         raise InputError("no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer")
     return options.printer.min_feature_mm
+
+
+def _turned_to_fit(mesh: Mesh, printer: Printer | None) -> Mesh:
+    """The mesh turned by 90° on the plate if it fits the printer only so (many panels stand on end)."""
+    if printer is None:
+        return mesh
+    (x, y, _), (room_x, room_y, _) = mesh.size_mm, printer.build_mm
+    fits, fits_turned = x <= room_x and y <= room_y, x <= room_y and y <= room_x
+    return mesh.transformed([[0, -1, 0], [1, 0, 0], [0, 0, 1]]) if fits_turned and not fits else mesh
 
 
 def _check_size(mesh: Mesh, printer: Printer | None, min_feature_mm: float) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from layerfix.errors import InputError, OutputError
 from layerfix.files import reading
-from layerfix.formats import chitu, goo, png_stack, sl1
+from layerfix.formats import chitu, chitubox_zip, cws, goo, nanodlp, png_stack, sl1
 from layerfix.formats.container import rewrite
 from layerfix.formats.options import Hints, WriteOptions
 from layerfix.formats.zips import Archive
@@ -45,9 +45,14 @@ FORMATS = (
     Format(sl1.SUFFIXES, "Prusa SL1, SL1S and M1 jobs", sl1.write),
     Format(goo.SUFFIXES, "Elegoo GOO jobs", goo.write),
     Format(chitu.SUFFIXES, "Photon, CBDDLP and CTB jobs", None),
+    Format((".nanodlp",), "NanoDLP plates", None),
+    Format(cws.SUFFIXES, "CWS jobs", None),
 )
 ZIP_KINDS = (
     ZipKind(sl1.recognises, sl1.read),
+    ZipKind(nanodlp.recognises, nanodlp.read),
+    ZipKind(chitubox_zip.recognises, chitubox_zip.read),
+    ZipKind(cws.recognises, cws.read),
     ZipKind(lambda archive: True, png_stack.read_zip),
 )
 

@@ -191,9 +191,11 @@ def _new_header(stack: LayerStack, printer: Printer, preview: Preview, volume_mm
     wait, usual = printer.light_off_s or 0.0, printer.exposure_s or 0.0
     moves_s = 60 * (lift / speed + lift / back)
     seconds = sum(_exposure_s(printer, i) + wait + moves_s for i in range(len(stack)))
-    texts = (MAGIC, b"layerfix", __version__.encode(), time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime()).encode(),
-             printer.model.encode("ascii", "replace"), printer.name.encode("ascii", "replace"), b"default")  # fmt: skip
-    head = struct.pack(">4s8s32s24s24s32s32s32s3H", b"V3.0", *texts, 1, 0, 0)
+    written = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())
+    texts = ("layerfix", __version__, written, printer.model, printer.name, "default")
+    head = struct.pack(
+        ">4s8s32s24s24s32s32s32s3H", b"V3.0", MAGIC, *(t.encode("ascii", "replace") for t in texts), 1, 0, 0
+    )
     thumbnails = b"".join(_rgb565(preview.picture((side, side))) + b"\r\n" for side in (116, 290))
     height = stack.z_mm[-1, 1] - stack.z_mm[-1, 0]
     counts = COUNTS.pack(len(stack), stack.width, stack.height, "x" in printer.mirror, "y" in printer.mirror,
