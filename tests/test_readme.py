@@ -10,7 +10,6 @@ import pytest
 
 import layerfix as lf
 from layerfix.formats.png import encode_png
-
 from tests.making import run_layerfix
 
 ROOT = Path(__file__).parents[1]

@@ -89,6 +89,7 @@ def decode_photon(data, width, rows):  # type: ignore[no-untyped-def]
 
 @njit(OUT(ROWS, types.int64), cache=True, nogil=True)
 def encode_photon(rows, width):  # type: ignore[no-untyped-def]
+    """A black and white layer as photon runs."""
     total = width * rows.shape[0]
     out = np.empty(1024, np.uint8)
     n, at = 0, 0
