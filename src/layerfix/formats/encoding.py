@@ -35,10 +35,16 @@ def encoded(stack: LayerStack, encode: Callable[[Layer], Data], watch: Watch | N
 def checked_printer(path: Path, stack: LayerStack, options: WriteOptions, suffixes: tuple[str, ...]) -> Printer:
     """The printer a new job is for.
 
-    Raises OutputError if none is given, if it takes other jobs or its file lacks exposures, and if the layers
-    are not the size of its panel.
+    Raises OutputError for layers of another job, without a printer, for one that takes other jobs or whose file
+    lacks exposures, and for layers that are not the size of its panel.
     """
     printer = options.printer
+    if stack.container is not None:
+        # Its images are as its panel shows them, mirrored or not; a new job would mirror them once more.
+        raise OutputError(
+            f"{path}: layerfix does not convert jobs yet; write one like {stack.container.path.name},"
+            " or start from the mesh"
+        )
     if printer is None:
         raise OutputError(f"{path}: a new job needs the printer's exposure and panel; give --printer")
     if printer.format not in suffixes:
