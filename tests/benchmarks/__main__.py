@@ -2,13 +2,14 @@
 
 import argparse
 
-from tests.benchmarks import growth, kernel, resin_12k, startup, table1
+from tests.benchmarks import codecs, growth, kernel, resin_12k, startup, table1
 from tests.benchmarks.measuring import machine
 
 BENCHMARKS = {
     "kernel": kernel.run,
     "table1": table1.run,
     "resin": resin_12k.run,
+    "codecs": codecs.run,
     "growth": growth.run,
     "startup": startup.run,
 }
