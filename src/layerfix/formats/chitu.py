@@ -58,6 +58,7 @@ class _Header:
     layers: int
     planes: int
     key: int
+    mirrored: bool
 
 
 def recognises(head: bytes) -> bool:
@@ -88,8 +89,9 @@ def read(path: Path, hints: Hints) -> LayerStack:
         _save(target, data, header, places, spool)
 
     container = Container(
-        path, SUFFIXES, payload, codec.decode, codec.encode, save, hints.threshold, hints.grey_floor
-    )
+        path, SUFFIXES, payload, codec.decode, codec.encode, save, hints.threshold, hints.grey_floor,
+        "x" * header.mirrored,
+    )  # fmt: skip
     same = None
     if not header.key:
         same = repeats_of(payload(i) == payload(i - 1) for i in range(1, len(first)))
@@ -107,6 +109,7 @@ def _header(path: Path, data: mmap.mmap) -> _Header:
     (planes,) = struct.unpack_from("<I", data, 0x5C)
     (key,) = struct.unpack_from("<I", data, 0x64)
     version = struct.unpack_from("<I", data, 4)[0]
+    (mirrored,) = struct.unpack_from("<I", data, 0x50)
     if magic != PHOTON or version < 2:
         planes = 1
     if magic == PHOTON:
@@ -119,7 +122,7 @@ def _header(path: Path, data: mmap.mmap) -> _Header:
         raise InputError(f"{path}: the header says a bed of {bed[0]:g} × {bed[1]:g} mm and layers of {layer_mm:g} mm")
     if not 0 < max(planes, 1) <= MAX_PLANES:
         raise InputError(f"{path}: the header says {planes} grey levels")
-    return _Header(magic, bed, round(layer_mm, 6), width, height, table, layers, max(planes, 1), key)
+    return _Header(magic, bed, round(layer_mm, 6), width, height, table, layers, max(planes, 1), key, mirrored == 1)
 
 
 def _table(path: Path, data: mmap.mmap, header: _Header) -> list[tuple[int, int]]:

@@ -10,7 +10,7 @@ import re
 from typing import TYPE_CHECKING
 
 from layerfix.errors import InputError
-from layerfix.formats.container import Frame, Totals, hinted_pitch
+from layerfix.formats.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.zip_job import check_layers, zip_job
 from layerfix.formats.zips import Archive
 from layerfix.stack import layer_bounds_mm
@@ -45,10 +45,11 @@ def read(archive: Archive, hints: Hints) -> LayerStack:
         raise InputError(f"{archive.path}: {GCODE} does not say machineX, machineY and layerHeight; give --printer")
     frame = Frame(width, height, pixel_mm, layer_bounds_mm(len(names), layer_mm, hints.first_layer_mm))
 
-    def metadata(totals: Totals) -> dict[str, bytes]:
+    def metadata(totals: Totals, spool: Spool) -> dict[str, bytes]:
         return {GCODE: _with_volume(gcode, values, totals.added_mm3 / 1000)}
 
-    return zip_job(archive, names, frame, hints, SUFFIXES, metadata)
+    mirror = "x" if values.get("mirror") else ""
+    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror)
 
 
 def _comments(gcode: bytes) -> dict[str, float]:

@@ -66,6 +66,7 @@ class Container:
     save: Callable[[BinaryIO, Spool, Totals], None]
     threshold: int
     grey_floor: int
+    mirror: str = ""  # axes along which the images are mirrored against the part seen from above
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,9 +50,9 @@ def read(archive: Archive, hints: Hints) -> LayerStack:
     frame = Frame(width, height, pixel_mm, layer_bounds_mm(len(names), layer_mm, hints.first_layer_mm))
     size = width, height
     if colour != RGB:
-        return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals: {})
+        return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals, spool: {})
     unpack, repack = rgb_unpacker(size, hints.threshold, bgr=True), rgb_packer(size, bgr=True)
-    return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals: {}, unpack=unpack, repack=repack)
+    return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals, spool: {}, unpack=unpack, repack=repack)
 
 
 def _conf(text: str) -> dict[str, float]:

@@ -35,16 +35,10 @@ def encoded(stack: LayerStack, encode: Callable[[Layer], Data], watch: Watch | N
 def checked_printer(path: Path, stack: LayerStack, options: WriteOptions, suffixes: tuple[str, ...]) -> Printer:
     """The printer a new job is for.
 
-    Raises OutputError for layers of another job, without a printer, for one that takes other jobs or whose file
+    Raises OutputError without a printer, for one that takes other jobs or whose file
     lacks exposures, and for layers that are not the size of its panel.
     """
     printer = options.printer
-    if stack.container is not None:
-        # Its images are as its panel shows them, mirrored or not; a new job would mirror them once more.
-        raise OutputError(
-            f"{path}: layerfix does not convert jobs yet; write one like {stack.container.path.name},"
-            " or start from the mesh"
-        )
     if printer is None:
         raise OutputError(f"{path}: a new job needs the printer's exposure and panel; give --printer")
     if printer.format not in suffixes:
@@ -58,3 +52,12 @@ def checked_printer(path: Path, stack: LayerStack, options: WriteOptions, suffix
             f" {' × '.join(map(str, printer.pixels or ()))}; slice for this printer (without --pixel)"
         )
     return printer
+
+
+def axes_to_mirror(stack: LayerStack, panel: str) -> str:
+    """Axes to mirror a stack's layers along for a target whose images are mirrored along `panel`.
+
+    Layers of a job are as its panel shows them, mirrored or not; all others are the part seen from above.
+    """
+    now = stack.container.mirror if stack.container is not None else ""
+    return "".join(axis for axis in "xy" if (axis in now) != (axis in panel))

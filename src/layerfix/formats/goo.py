@@ -20,7 +20,7 @@ from layerfix.errors import InputError
 from layerfix.files import reading, whole_file
 from layerfix.formats import runs
 from layerfix.formats.container import Container, Frame, Spool, Totals, container_stack, hinted_pitch, repeats_of
-from layerfix.formats.encoding import checked_printer, encoded
+from layerfix.formats.encoding import axes_to_mirror, checked_printer, encoded
 from layerfix.formats.png_decode import Decoded
 from layerfix.formats.preview import Preview
 from layerfix.formats.zip_job import MAX_PANEL_PX
@@ -61,7 +61,7 @@ def read(path: Path, hints: Hints) -> LayerStack:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     if len(data) < HEADER_BYTES:
         raise InputError(f"{path}: the file is cut short: {len(data)} bytes")
-    count, width, height, _, _, bed_x, bed_y, _, layer_mm = COUNTS.unpack_from(data, LAYERS_AT)
+    count, width, height, mirror_x, mirror_y, bed_x, bed_y, _, layer_mm = COUNTS.unpack_from(data, LAYERS_AT)
     offset = TAIL.unpack_from(data, VOLUME_AT)[4]
     if not (0 < width * height <= MAX_PANEL_PX and 0 < count <= MAX_LAYERS):
         raise InputError(f"{path}: the header says {count} layers of {width} × {height} px (only GOO V3 is read)")
@@ -95,7 +95,8 @@ def read(path: Path, hints: Hints) -> LayerStack:
     def save(target: BinaryIO, spool: Spool, totals: Totals) -> None:
         _save(target, data, places, spool, totals)
 
-    container = Container(path, SUFFIXES, payload, decode, encode, save, hints.threshold, hints.grey_floor)
+    container = Container(path, SUFFIXES, payload, decode, encode, save, hints.threshold, hints.grey_floor,
+                          "x" * mirror_x + "y" * mirror_y)  # fmt: skip
     same = repeats_of(payload(i) == payload(i - 1) for i in range(1, count))
     return container_stack(container, frame, same)
 
@@ -136,7 +137,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     """
     printer = checked_printer(path, stack, options, SUFFIXES)
     preview = Preview(stack)
-    width, mirror = stack.width, printer.mirror
+    width, mirror = stack.width, axes_to_mirror(stack, printer.mirror)
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
     volume_mm3 = 0.0
 

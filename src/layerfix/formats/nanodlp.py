@@ -1,7 +1,7 @@
 """NanoDLP's plates: a zip of numbered PNG images and JSON files.
 
 12K panels may be stored with three LCD pixels in each RGB pixel (the image is a third as wide). plate.json's total
-area follows what changes; info.json's measures of single layers stay as they were sliced. Lengths in slicer.json
+area follows what changes, and info.json's measures of changed layers are taken anew. Lengths in slicer.json
 and profile.json are µm.
 """
 
@@ -9,23 +9,30 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from layerfix.bits import unpack as unpack_rows
 from layerfix.errors import InputError
-from layerfix.formats.container import Frame, Totals, hinted_pitch
+from layerfix.formats.container import Frame, Spool, Totals, hinted_pitch
+from layerfix.formats.png_decode import decode_png
 from layerfix.formats.rgb_packed import rgb_packer, rgb_unpacker
 from layerfix.formats.zip_job import check_layers, zip_job
 from layerfix.formats.zips import Archive
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
+    from layerfix.bits import Image
     from layerfix.formats.options import Hints
     from layerfix.stack import LayerStack
 
 SUFFIXES = (".nanodlp", ".zip")
-PLATE, SLICER, PROFILE = "plate.json", "slicer.json", "profile.json"
+PLATE, SLICER, PROFILE, INFO = "plate.json", "slicer.json", "profile.json", "info.json"
 LAYER = re.compile(r"[0-9]+\.png")
 RGB = 2
+LARGEST_INFO = 256 << 20
 
 
 def recognises(archive: Archive) -> bool:
@@ -47,14 +54,23 @@ def read(archive: Archive, hints: Hints) -> LayerStack:
         raise InputError(f"{archive.path}: the plate does not say its pixel size and layer depth; give --printer")
     frame = Frame(width, height, pixel_mm, layer_bounds_mm(len(names), layer_mm, hints.first_layer_mm))
 
-    def metadata(totals: Totals) -> dict[str, bytes]:
-        return {PLATE: _with_area(plate, totals.added_mm3 / layer_mm)}
+    def metadata(totals: Totals, spool: Spool) -> dict[str, bytes]:
+        new = {PLATE: _with_area(plate, totals.added_mm3 / layer_mm)}
+        if INFO in archive:
+            new[INFO] = _measured_anew(archive, names, spool, decode, pixel_mm)
+        return new
 
     size = width, height
-    if colour != RGB:
-        return zip_job(archive, names, frame, hints, SUFFIXES, metadata)
-    unpack, repack = rgb_unpacker(size, hints.threshold, bgr=False), rgb_packer(size, bgr=False)
-    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, unpack=unpack, repack=repack)
+    mirror = "x" if slicer.get("ImageMirror") else ""
+    unpack, repack = None, None
+    if colour == RGB:
+        unpack, repack = rgb_unpacker(size, hints.threshold, bgr=False), rgb_packer(size, bgr=False)
+
+    def decode(data: bytes) -> Image:
+        found = unpack(data, INFO) if unpack else decode_png(data, INFO, size, threshold=hints.threshold)
+        return unpack_rows(found.rows, width)
+
+    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror, unpack=unpack, repack=repack)
 
 
 def _json(archive: Archive, name: str) -> dict[str, Any]:
@@ -82,3 +98,43 @@ def _with_area(plate: bytes, added_mm2: float) -> bytes:
         return match[1] + f"{max(float(match[2]) + added_mm2, 0):.4f}".encode()
 
     return re.sub(rb'("TotalSolidArea"\s*:\s*)([0-9.]+)', grown, plate, count=1)
+
+
+def _measured_anew(
+    archive: Archive, names: list[str], spool: Spool, decode: Callable[[bytes], Image], pixel_mm: tuple[float, float]
+) -> bytes:
+    """info.json with the measures of changed layers: areas in mm², bounds in px. Keys it has not stay away."""
+    raw = archive.read(INFO, LARGEST_INFO)
+    try:
+        layers = json.loads(raw)
+    except ValueError:
+        return raw
+    if not isinstance(layers, list):
+        return raw
+    for index in range(min(len(names), len(layers))):
+        data = spool.get(index)
+        if data is not None and isinstance(layers[index], dict):
+            new = _measures(decode(data), pixel_mm)
+            layers[index].update({key: value for key, value in new.items() if key in layers[index]})
+    return json.dumps(layers).encode()
+
+
+def _measures(image: Image, pixel_mm: tuple[float, float]) -> dict[str, float]:
+    """What NanoDLP notes of a layer: (H, W) bool → by key."""
+    import cv2
+
+    count, _, stats, _ = cv2.connectedComponentsWithStats(image.astype(np.uint8), connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA] * (pixel_mm[0] * pixel_mm[1])
+    if count < 2:
+        return dict.fromkeys(("TotalSolidArea", "LargestArea", "SmallestArea", "AreaCount"), 0)
+    left, top = stats[1:, cv2.CC_STAT_LEFT], stats[1:, cv2.CC_STAT_TOP]
+    return {
+        "TotalSolidArea": float(areas.sum()),
+        "LargestArea": float(areas.max()),
+        "SmallestArea": float(areas.min()),
+        "MinX": int(left.min()),
+        "MinY": int(top.min()),
+        "MaxX": int((left + stats[1:, cv2.CC_STAT_WIDTH]).max()) - 1,
+        "MaxY": int((top + stats[1:, cv2.CC_STAT_HEIGHT]).max()) - 1,
+        "AreaCount": count - 1,
+    }

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from layerfix.bits import mirrored
 from layerfix.errors import InputError
 from layerfix.files import reading, whole_file, whole_folder
-from layerfix.formats.encoding import encoded
+from layerfix.formats.encoding import axes_to_mirror, encoded
 from layerfix.formats.png import SIGNATURE, encode_png
 from layerfix.formats.png_decode import decode_png
 from layerfix.formats.zips import Archive
@@ -165,11 +166,12 @@ def _notes(text: bytes) -> dict[str, Any]:
 
 
 def _encoder(stack: LayerStack, bits: int) -> Callable[[Layer], bytes]:
+    axes = axes_to_mirror(stack, "")
+
     def encode(layer: Layer) -> bytes:
+        rows = mirrored(layer.rows, layer.width, axes)
         notes = {"pixel_mm": stack.pixel_mm, "origin_mm": stack.origin_mm, "z_mm": layer.z_mm}
-        return encode_png(
-            layer.rows, layer.width, bits=bits, pixel_mm=stack.pixel_mm, text={TEXT_KEY: json.dumps(notes)}
-        )
+        return encode_png(rows, layer.width, bits=bits, pixel_mm=stack.pixel_mm, text={TEXT_KEY: json.dumps(notes)})
 
     return encode
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 from layerfix.bits import mirrored
 from layerfix.errors import InputError
 from layerfix.files import whole_file
-from layerfix.formats.container import Frame, Totals, hinted_pitch
-from layerfix.formats.encoding import checked_printer, encoded
+from layerfix.formats.container import Frame, Spool, Totals, hinted_pitch
+from layerfix.formats.encoding import axes_to_mirror, checked_printer, encoded
 from layerfix.formats.png import encode_png
 from layerfix.formats.preview import Preview
 from layerfix.formats.zip_job import check_layers, zip_job
@@ -68,10 +68,10 @@ def read(archive: Archive, hints: Hints) -> LayerStack:
     first_mm = hints.first_layer_mm or _first_layer_mm(archive.path, slicer, layer_mm)
     frame = Frame(width, height, pixel_mm, layer_bounds_mm(len(names), layer_mm, first_mm))
 
-    def metadata(totals: Totals) -> dict[str, bytes]:
+    def metadata(totals: Totals, spool: Spool) -> dict[str, bytes]:
         return {CONFIG: with_used_material(archive.read(CONFIG), totals.added_mm3 / 1000)}
 
-    return zip_job(archive, names, frame, hints, SUFFIXES, metadata)
+    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=_mirror(slicer))
 
 
 def number(path: Path, config: dict[str, str], key: str) -> float:
@@ -103,6 +103,13 @@ def _pitch_mm(slicer: dict[str, str], size: tuple[int, int]) -> tuple[float, flo
     return pitch if pixels == size or pixels != size[::-1] else pitch[::-1]
 
 
+def _mirror(slicer: dict[str, str]) -> str:
+    """Axes the panel shows mirrored: what prusaslicer.ini says, else x, as on all of these printers."""
+    if "display_mirror_x" not in slicer:
+        return "x"
+    return "".join(axis for axis in "xy" if slicer.get(f"display_mirror_{axis}") == "1")
+
+
 def with_used_material(config: bytes, added_ml: float) -> bytes:
     """config.ini with `usedMaterial` (ml) changed by so much; every other byte as it was."""
 
@@ -119,7 +126,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     """
     printer = checked_printer(path, stack, options, SUFFIXES)
     job, preview = path.stem, Preview(stack)
-    mirror, width = printer.mirror, stack.width
+    mirror, width = axes_to_mirror(stack, printer.mirror), stack.width
     volume_mm3 = 0.0
 
     def encode(layer: Layer) -> tuple[bytes, Image, int]:

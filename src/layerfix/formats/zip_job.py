@@ -62,8 +62,9 @@ def zip_job(
     frame: Frame,
     hints: Hints,
     suffixes: tuple[str, ...],
-    metadata: Callable[[Totals], dict[str, bytes]],
+    metadata: Callable[[Totals, Spool], dict[str, bytes]],
     *,
+    mirror: str = "",
     unpack: Callable[[bytes, str], Decoded] | None = None,
     repack: Callable[[Rows, NDArray[np.uint8] | None], bytes] | None = None,
 ) -> LayerStack:
@@ -71,6 +72,7 @@ def zip_job(
 
     names     of the layers, bottom first
     metadata  entries to replace when layers have changed
+    mirror    axes along which the images are mirrored against the part seen from above
     unpack, repack  for layers that are not plain grey images
     """
     size = frame.width, frame.height
@@ -88,11 +90,11 @@ def zip_job(
         return encode_png(rows, frame.width, bits=1 if payload[24] == 1 else 8)
 
     def save(target: BinaryIO, spool: Spool, totals: Totals) -> None:
-        archive.rewrite(target, _Replaced(names, spool, metadata(totals)))
+        archive.rewrite(target, _Replaced(names, spool, metadata(totals, spool)))
 
     container = Container(
         archive.path, suffixes, lambda i: archive.read(names[i], limit), decode, encode, save,
-        hints.threshold, hints.grey_floor,
+        hints.threshold, hints.grey_floor, mirror,
     )  # fmt: skip
     same = repeats_of(archive.same(a, b) for a, b in pairwise(names))
     return container_stack(container, frame, same)
