@@ -201,8 +201,10 @@ class _Codec:
         if h.magic == PHOTON:
             levels = [rows] * h.planes
             if grey is not None:
-                # Plane k is set where the grey is above k levels: the more planes, the lighter.
-                levels = [pack_from(grey, int(np.ceil((k + 1) * 255 / h.planes))) for k in range(h.planes)]
+                # Plane k is set from k + ½ levels on, and in what is solid up to the threshold at least.
+                steps = [int(np.ceil((k + 0.5) * 255 / h.planes)) for k in range(h.planes)]
+                enough = int(np.ceil(self.threshold * h.planes / 255))
+                levels = [pack_from(grey, step) | (rows if k < enough else 0) for k, step in enumerate(steps)]
             planes = [runs.encode_photon(np.ascontiguousarray(r), h.width).tobytes() for r in levels]
         else:
             data = runs.encode_runs(rows, h.width, False) if grey is None else runs.encode_greys(grey, False)

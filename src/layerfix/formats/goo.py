@@ -62,7 +62,7 @@ def read(path: Path, hints: Hints) -> LayerStack:
     if len(data) < HEADER_BYTES:
         raise InputError(f"{path}: the file is cut short: {len(data)} bytes")
     count, width, height, mirror_x, mirror_y, bed_x, bed_y, _, layer_mm = COUNTS.unpack_from(data, LAYERS_AT)
-    offset = TAIL.unpack_from(data, VOLUME_AT)[4]
+    *_, offset, eight_bit, _ = TAIL.unpack_from(data, VOLUME_AT)
     if not (0 < width * height <= MAX_PANEL_PX and 0 < count <= MAX_LAYERS):
         raise InputError(f"{path}: the header says {count} layers of {width} × {height} px (only GOO V3 is read)")
     if not (0 < bed_x < 10_000 and 0 < bed_y < 10_000 and 0 < layer_mm < 10):
@@ -86,11 +86,14 @@ def read(path: Path, hints: Hints) -> LayerStack:
             return Decoded(rows, None)
         grey = np.zeros((height, width), np.uint8)
         runs.decode_goo_greys(pixels, grey)
+        if not eight_bit:
+            grey = np.where(grey < 16, grey * 17, 255).astype(np.uint8)
         return Decoded(rows, grey)
 
     def encode(index: int, packed: bytes, rows: Rows, grey: NDArray[np.uint8] | None) -> bytes:
-        out = runs.encode_runs(rows, width, True) if grey is None else runs.encode_greys(grey, True)
-        return bytes(out)
+        if grey is None:
+            return bytes(runs.encode_runs(rows, width, True))
+        return bytes(runs.encode_greys(grey if eight_bit else _to_4_bit(grey, hints.threshold), True))
 
     def save(target: BinaryIO, spool: Spool, totals: Totals) -> None:
         _save(target, data, places, spool, totals)
@@ -99,6 +102,12 @@ def read(path: Path, hints: Hints) -> LayerStack:
                           "x" * mirror_x + "y" * mirror_y)  # fmt: skip
     same = repeats_of(payload(i) == payload(i - 1) for i in range(1, count))
     return container_stack(container, frame, same)
+
+
+def _to_4_bit(grey: NDArray[np.uint8], threshold: int) -> NDArray[np.uint8]:
+    """Greys in sixteen levels, white as 255; what is solid is not rounded below the threshold."""
+    levels = np.where(grey >= threshold, np.ceil(grey / 17), np.round(grey / 17))
+    return np.where(levels >= 15, 255, levels).astype(np.uint8)
 
 
 def _layers(path: Path, data: mmap.mmap, at: int, count: int) -> tuple[list[tuple[int, int]], list[float]]:
