@@ -204,7 +204,8 @@ class _Codec:
                 # Plane k is set from k + ½ levels on, and in what is solid up to the threshold at least.
                 steps = [int(np.ceil((k + 0.5) * 255 / h.planes)) for k in range(h.planes)]
                 enough = int(np.ceil(self.threshold * h.planes / 255))
-                levels = [pack_from(grey, step) | (rows if k < enough else 0) for k, step in enumerate(steps)]
+                levels = [pack_from(grey, step) for step in steps]
+                levels = [level | rows if k < enough else level for k, level in enumerate(levels)]
             planes = [runs.encode_photon(np.ascontiguousarray(r), h.width).tobytes() for r in levels]
         else:
             data = runs.encode_runs(rows, h.width, False) if grey is None else runs.encode_greys(grey, False)
