@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from queue import Empty, SimpleQueue
+from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
@@ -204,35 +205,69 @@ class LayerStack(Sequence[Layer]):
 
         once  for a `use` that looks at pixels only: layers that repeat the one below yield its result again
         """
-        workers = self.workers or _cores()
+        workers = min(self.workers or _cores(), len(self))
         repeats = self.repeats if once and self.repeats is not None else np.zeros(len(self), np.bool_)
+        first_alike = np.maximum.accumulate(np.where(repeats, 0, np.arange(len(self)))).tolist()
         make = self.make
-        if workers == 1 or len(self) < 2:
+        if workers < 2:
             for i in range(len(self)):
                 if not repeats[i]:
                     result = use(make(i))
                 yield result
             return
-        ahead: deque[Future[Result]] = deque()
-        with ThreadPoolExecutor(workers, thread_name_prefix="layers") as pool:
-            try:
-                for i in range(len(self)):
-                    if not repeats[i]:
-                        future = pool.submit(lambda i: use(make(i)), i)
-                    ahead.append(future)
-                    if len(ahead) > 2 * workers:
-                        yield ahead.popleft().result()
-                while ahead:
-                    yield ahead.popleft().result()
-            finally:
-                for future in ahead:
-                    future.cancel()
+        yield from _in_threads(lambda i: use(make(i)), first_alike, workers)
 
     def volume_mm3(self) -> float:
         """Volume of all layers, each as high as it is."""
         heights = self.z_mm[:, 1] - self.z_mm[:, 0]
         counts = np.fromiter(self.each(Layer.count_px), np.float64, len(self))
         return float(counts @ heights) * self.pixel_mm[0] * self.pixel_mm[1]
+
+
+def _in_threads(work: Callable[[int], Result], order: list[int], workers: int) -> Generator[Result]:
+    """Yield work(order[0]), work(order[1]) … as so many threads make them; equal neighbours are made once.
+
+    No executor and no futures: their locks are Python's own, and a Ctrl-C that arrives just after the main thread
+    has taken one leaves it taken, for ever (seen once in some hundred interrupted runs). SimpleQueue is C.
+    """
+    todo: SimpleQueue[int | None] = SimpleQueue()
+    done: SimpleQueue[tuple[int, Any, BaseException | None]] = SimpleQueue()
+
+    def labour() -> None:
+        while (i := todo.get()) is not None:
+            try:
+                done.put((i, work(i), None))
+            except BaseException as problem:
+                done.put((i, None, problem))
+
+    threads = [Thread(target=labour, name=f"layers-{n}", daemon=True) for n in range(workers)]
+    ready: dict[int, Any] = {}
+    asked = 0
+    try:
+        for thread in threads:
+            thread.start()
+        for index, wanted in enumerate(order):
+            while asked < min(index + 1 + 2 * workers, len(order)):
+                if order[asked] == asked:
+                    todo.put(asked)
+                asked += 1
+            while wanted not in ready:
+                i, result, problem = done.get()
+                if problem is not None:
+                    raise problem
+                ready[i] = result
+            yield ready[wanted]
+            if index + 1 == len(order) or order[index + 1] != wanted:
+                del ready[wanted]
+    finally:
+        with suppress(Empty):
+            while True:
+                todo.get_nowait()
+        for _ in threads:
+            todo.put(None)
+        for thread in threads:
+            if thread.ident is not None:  # it was started
+                thread.join()
 
 
 def _cores() -> int:
