@@ -86,6 +86,20 @@ def layerfix() -> None:
     help="Bits a pixel of PNG images.",
 )
 @click.option(
+    "--threshold",
+    type=click.IntRange(1, 255),
+    default=128,
+    show_default=True,
+    help="Grey value of an image from which a pixel is solid.",
+)
+@click.option(
+    "--grey-floor",
+    type=click.IntRange(0, 255),
+    default=32,
+    show_default=True,
+    help="Grey value from which a stroke is a feature that nowhere reaches the threshold; 0: never.",
+)
+@click.option(
     "--picture", type=click.Path(path_type=Path), help="Also draw the most changed layer, before and after."
 )
 @click.option("--workers", type=click.IntRange(1), help="Threads. [default: one per core]")
