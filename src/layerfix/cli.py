@@ -280,5 +280,6 @@ def _table(s: Summary) -> str:
                 f"gaps closed in {s.layers_with_gaps} layers, the longest {format_mm(s.longest_gap_mm)}",
             ),
         )
+    rows += [("note", note) for note in s.notes]
     rows.append(("written", s.target))
     return "\n".join(f"{name:10}{value}" for name, value in rows)

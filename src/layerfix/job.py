@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,7 +65,8 @@ class Summary:
     layers_with_gaps: int
     longest_gap_mm: float
     seconds: float
-    most_changed_layer: int = field(default=0)
+    most_changed_layer: int = 0
+    notes: tuple[str, ...] = ()
 
 
 def fix(
@@ -237,4 +238,5 @@ def _add_up(
         longest_gap_mm=max((g.longest_mm for g in gaps), default=0.0),
         seconds=time.perf_counter() - started,
         most_changed_layer=turned.index(max(turned)) if turned else 0,
+        notes=stack.notes,
     )

@@ -103,6 +103,7 @@ class LayerStack(Sequence[Layer]):
     repeats        (layers,) bool, True where a layer is the same as the one below, pixel by pixel (common in
                    jobs); None where nobody knows
     container      the job file the layers come from, for a writer of the same format
+    notes          what a user should know of how the layers were read
     """
 
     width: int
@@ -114,6 +115,7 @@ class LayerStack(Sequence[Layer]):
     workers: int = 0
     repeats: NDArray[np.bool_] | None = None
     container: Any = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Raises InputError for an empty frame, a pitch that is not above 0, z's that do not rise."""

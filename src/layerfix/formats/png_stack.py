@@ -49,6 +49,7 @@ class Head(NamedTuple):
 
     width: int
     height: int
+    colour: int
     pixel_mm: tuple[float, float] | None
     notes: dict[str, Any]
 
@@ -115,9 +116,16 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
         return decode_png(source.load(name), f"{source.where}/{name}", (first.width, first.height)).rows
 
     try:
-        return LayerStack(first.width, first.height, pixel_mm, z_mm, layer_maker(rows, first.width, z_mm), (x, y))
+        make = layer_maker(rows, first.width, z_mm)
+        return LayerStack(first.width, first.height, pixel_mm, z_mm, make, (x, y), notes=_colour_note(heads))
     except InputError as problem:
         raise InputError(f"{source.where}: {problem}") from problem
+
+
+def _colour_note(heads: list[Head]) -> tuple[str, ...]:
+    """A word about images that are not grey: their brightness is read, and written as grey."""
+    coloured = sum(head.colour != 0 for head in heads)
+    return (f"{coloured} of {len(heads)} images are in colour; they are read as grey",) if coloured else ()
 
 
 def _z_mm(heads: list[Head], hints: Hints) -> np.ndarray[Any, np.dtype[np.float64]] | None:
@@ -135,7 +143,7 @@ def _head(where: str, data: bytes) -> Head:
     """Width, height, pitch and our notes from the first bytes of a PNG. Raises InputError if it is none."""
     if data[:8] != SIGNATURE or data[12:16] != b"IHDR" or len(data) < 33:
         raise InputError(f"{where}: not a readable PNG image")
-    width, height = struct.unpack(">II", data[16:24])
+    width, height, _, colour = struct.unpack(">IIBB", data[16:26])
     pixel_mm: tuple[float, float] | None = None
     notes: dict[str, Any] = {}
     at = 33
@@ -153,7 +161,7 @@ def _head(where: str, data: bytes) -> Head:
         at += 12 + size
     if "pixel_mm" in notes:
         pixel_mm = notes["pixel_mm"]
-    return Head(width, height, pixel_mm, notes)
+    return Head(width, height, colour, pixel_mm, notes)
 
 
 def _notes(text: bytes) -> dict[str, Any]:
