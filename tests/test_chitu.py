@@ -163,9 +163,6 @@ def test_as_printed_removes_corners(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["ctb 3", "ctb 3 with a key", "ctb 4", "ctb 4 with a key"])
-@pytest.mark.xfail(
-    strict=True, reason="the 84 bytes before a layer of CTB 3 and 4 are neither moved nor kept up to date"
-)
 def test_what_stands_before_the_data_of_a_ctb_3(tmp_path, kind):
     """Since version 3, 84 bytes go before each layer's data: its table entry again, the total size, motion settings.
     Firmware and UVtools look for them at the data's offset less 84."""
@@ -178,7 +175,6 @@ def test_what_stands_before_the_data_of_a_ctb_3(tmp_path, kind):
         assert total == 84 + job.entries[i][4], f"layer {i}"
 
 
-@pytest.mark.xfail(strict=True, reason="data that are written in place may belong to other entries too")
 def test_equal_data_that_are_stored_once(tmp_path):
     """Two layers may share a plane's data: one that changes is not written over the other's, though it would fit."""
     dots = np.zeros(SIZE, np.uint8)
@@ -223,7 +219,6 @@ def test_layers_that_cover_too_little_or_too_much(tmp_path, kind, more):
         stack[1].image()
 
 
-@pytest.mark.xfail(strict=True, reason="layer_mm changes only one layer of the job")
 def test_heights_given_win_over_the_files(tmp_path):
     """What the user says comes before what the file says."""
     path = made(tmp_path, "ctb 2", drawn())
@@ -232,7 +227,6 @@ def test_heights_given_win_over_the_files(tmp_path):
     assert np.allclose(stack.z_mm[:, 1] - stack.z_mm[:, 0], 0.1)
 
 
-@pytest.mark.xfail(strict=True, reason="heights are taken from the next layer where the table holds ends")
 def test_layers_of_several_heights(tmp_path):
     """A CTB says where each layer ends: a layer reaches from the end of the one below to its own."""
     path = made(tmp_path, "ctb 2", drawn())
@@ -270,7 +264,6 @@ def test_a_job_goes_to_images_and_not_to_another_kind_of_job(tmp_path):
         write(tmp_path / "part.goo", stack)
 
 
-@pytest.mark.xfail(strict=True, reason="any of the three suffixes is taken for the format of any job")
 def test_a_photon_is_no_ctb(tmp_path):
     """A .photon written as .ctb would be a file that CTB printers refuse."""
     stack = read(made(tmp_path, "photon", drawn()))

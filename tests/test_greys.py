@@ -120,7 +120,6 @@ def drawn_in(
     [
         pytest.param(
             64,
-            marks=pytest.mark.xfail(strict=True, reason="rim pixels reach a threshold below 128: they become solid"),
         ),
         128,
         200,

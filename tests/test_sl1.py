@@ -210,7 +210,6 @@ def test_images_that_are_no_layers(tmp_path):
 
 
 @pytest.mark.parametrize("job", ["t", "thumb", "thumbnail"])
-@pytest.mark.xfail(strict=True, reason="thumbnails count as layers of a job whose jobDir begins their names")
 def test_a_job_whose_name_begins_like_the_thumbnails_folder(tmp_path, job):
     """thumbnail/thumbnail400x400.png is no layer of the job "t"."""
     assert len(read(plain.write_sl1(tmp_path / "part.sl1", drawn(), job=job))) == 5
@@ -237,7 +236,6 @@ def test_the_pitch_comes_from_the_job_the_user_or_the_printer(tmp_path):
         pytest.param(
             "prusaslicer.ini",
             "initial_layer_height",
-            marks=pytest.mark.xfail(strict=True, reason="the message names config.ini, not prusaslicer.ini"),
         ),
     ],
 )
@@ -258,17 +256,14 @@ def test_heights_that_make_no_sense(tmp_path, name, key, value):
         pytest.param(
             "usedMaterial = 1e-1",
             0.1,
-            marks=pytest.mark.xfail(strict=True, reason="with_used_material changes only the mantissa"),
         ),
         pytest.param(
             "usedMaterial = 1.2.3",
             None,
-            marks=pytest.mark.xfail(strict=True, reason="with_used_material lets ValueError through"),
         ),
         pytest.param(
             "usedMaterial = .",
             None,
-            marks=pytest.mark.xfail(strict=True, reason="with_used_material lets ValueError through"),
         ),
         ("usedMaterial = ", None),
         ("usedMaterial = much", None),
@@ -314,7 +309,6 @@ def test_as_printed_removes_corners(tmp_path):
         assert np.array_equal(new >= 128, correct_image(old >= 128, (3, 3), "as_printed"))
 
 
-@pytest.mark.xfail(strict=True, reason="rewrite needs Layer.source: AttributeError for layers made anew")
 def test_layers_that_have_forgotten_where_they_come_from(tmp_path):
     """A stack mapped to layers made anew from their rows is written all the same: here, with holes cut into it."""
     stack = read(plain.write_sl1(tmp_path / "part.sl1", drawn(200)))

@@ -197,21 +197,7 @@ def test_replaced_entries(tmp_path, kind):
     assert {n: d for n, d in before.items() if n not in new} == {n: d for n, d in after.items() if n not in new}
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param(
-            kind,
-            marks=[
-                pytest.mark.xfail(
-                    strict=True, reason="a replaced entry's local header keeps its zip64 field with the old sizes"
-                )
-            ]
-            * (kind == "zip64 entries"),
-        )
-        for kind in ZIPS
-    ],
-)
+@pytest.mark.parametrize("kind", ZIPS)
 def test_local_headers_agree_with_the_directory(tmp_path, kind):
     """Readers that go by local headers see the sizes, checksums and methods that the directory says."""
     if kind == "nothing in it":
@@ -303,9 +289,6 @@ def bomb(method: int, size: int) -> bytes:
         zipfile.ZIP_DEFLATED,
         pytest.param(
             zipfile.ZIP_LZMA,
-            marks=pytest.mark.xfail(
-                strict=True, reason="Archive.head unpacks LZMA and BZIP2 entries without a limit"
-            ),
         ),
     ],
 )
@@ -338,10 +321,6 @@ def test_missing_entries_and_wrong_checksums_are_named(tmp_path):
 
 @pytest.mark.parametrize(
     ("field", "value"), [(42, b"\xff\xff"), (30, b"\xff\x7f"), (32, b"\xff\x7f"), (28, b"\xff\x7f")]
-)
-@pytest.mark.xfail(
-    strict=True,
-    reason="Archive.rewrite lets struct.error and ValueError through for a directory that does not add up",
 )
 def test_a_directory_that_does_not_add_up(tmp_path, field, value):
     """An entry said to lie behind the directory, or longer than that: refused when opened or rewritten."""

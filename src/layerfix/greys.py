@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 IMAGE = types.Array(types.uint8, 2, "C", readonly=True)
 TARGET = types.Array(types.uint8, 2, "C")
+U8 = np.uint8(1)
 SUBSTEPS = 64  # columns a pixel is cut into for its coverage; each is exact in y
 
 
@@ -76,7 +77,7 @@ def disc_coverage(rx_px: float, ry_px: float) -> NDArray[np.float64]:
 
 @njit(types.void(TARGET, ROWS, ROWS, ROWS, IMAGE, types.uint8), cache=True, nogil=True)
 def _draw(image, paths, added, rim, stencil, threshold):  # type: ignore[no-untyped-def]
-    """image = max(image, stencil) around every path pixel, where `added` (at least threshold) or `rim` is set."""
+    """image = max(image, stencil) around every path pixel, where `added` or (below threshold) `rim` is set."""
     height, width = image.shape
     reach_y, reach_x = stencil.shape[0] // 2, stencil.shape[1] // 2
     for y in range(height):
@@ -93,9 +94,9 @@ def _draw(image, paths, added, rim, stencil, threshold):  # type: ignore[no-unty
                                 continue
                             shift = np.uint64(u & 63)
                             if (added[v, u >> 6] >> shift) & U1:
-                                image[v, u] = max(value, threshold)
-                            elif (rim[v, u >> 6] >> shift) & U1:
                                 image[v, u] = value
+                            elif (rim[v, u >> 6] >> shift) & U1:
+                                image[v, u] = max(image[v, u], min(value, threshold - U8))  # not solid itself
                 word >>= U1
                 bit += 1
 

@@ -44,7 +44,8 @@ FORMATS = (
     Format((".zip",), "zip of PNG images", png_stack.write_zip),
     Format(sl1.SUFFIXES, "Prusa SL1, SL1S and M1 jobs", sl1.write),
     Format(goo.SUFFIXES, "Elegoo GOO jobs", goo.write),
-    Format(chitu.SUFFIXES, "Photon, CBDDLP and CTB jobs", None),
+    Format(chitu.PHOTON_SUFFIXES, "Photon and CBDDLP jobs", None),
+    Format(chitu.CTB_SUFFIXES, "CTB jobs", None),
     Format((".nanodlp",), "NanoDLP plates", None),
     Format(cws.SUFFIXES, "CWS jobs", None),
 )

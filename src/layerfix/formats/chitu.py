@@ -15,6 +15,7 @@ from __future__ import annotations
 import mmap
 import struct
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -29,6 +30,7 @@ from layerfix.formats.container import Container, Frame, Spool, Totals, containe
 from layerfix.formats.png_decode import Decoded
 from layerfix.formats.zip_job import MAX_PANEL_PX
 from layerfix.greys import pack_from
+from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,10 +39,10 @@ if TYPE_CHECKING:
     from layerfix.formats.options import Hints
     from layerfix.stack import LayerStack
 
-SUFFIXES = (".photon", ".cbddlp", ".ctb")
+PHOTON_SUFFIXES, CTB_SUFFIXES = (".photon", ".cbddlp"), (".ctb",)
 PHOTON, CTB, CTB_V4, ENCRYPTED = 0x12FD0019, 0x12FD0086, 0x12FD0106, 0x12FD0107
 ENTRY = struct.Struct("<fffII")  # z, exposure, light-off, data offset, data size; 16 more bytes follow
-ENTRY_BYTES = 36
+ENTRY_BYTES, RECORD_BYTES = 36, 84
 MAX_LAYERS = 100_000
 MAX_PLANES = 16
 
@@ -59,6 +61,7 @@ class _Header:
     planes: int
     key: int
     mirrored: bool
+    records: bool  # 84 bytes before each layer's data: its table entry once more, and motion settings
 
 
 def recognises(head: bytes) -> bool:
@@ -72,13 +75,12 @@ def read(path: Path, hints: Hints) -> LayerStack:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     header = _header(path, data)
     places = _table(path, data, header)
-    first = places[: header.layers]
     tops = [ENTRY.unpack_from(data, header.table + i * ENTRY_BYTES)[0] for i in range(header.layers)]
     pixel_mm = hinted_pitch(
         hints, (round(header.bed_mm[0] / header.width, 6), round(header.bed_mm[1] / header.height, 6))
     )
     assert pixel_mm is not None  # the file says it
-    frame = Frame(header.width, header.height, pixel_mm, _z_mm(path, tops, hints.layer_mm or header.layer_mm))
+    frame = Frame(header.width, header.height, pixel_mm, _z_mm(path, tops, header.layer_mm, hints))
     codec = _Codec(path, header, hints.threshold)
 
     def payload(index: int) -> bytes:
@@ -88,13 +90,24 @@ def read(path: Path, hints: Hints) -> LayerStack:
     def save(target: BinaryIO, spool: Spool, totals: Totals) -> None:
         _save(target, data, header, places, spool)
 
+    suffixes = PHOTON_SUFFIXES if header.magic == PHOTON else CTB_SUFFIXES
     container = Container(
-        path, SUFFIXES, payload, codec.decode, codec.encode, save, hints.threshold, hints.grey_floor,
+        path, suffixes, payload, codec.decode, codec.encode, save, hints.threshold, hints.grey_floor,
         "x" * header.mirrored,
     )  # fmt: skip
-    same = None
-    if not header.key:
-        same = repeats_of(payload(i) == payload(i - 1) for i in range(1, len(first)))
+
+    @cache  # a hostile table may point at two large places in turn, ever again
+    def same_bytes(a: tuple[int, int], b: tuple[int, int]) -> bool:
+        return data[a[0] : a[0] + a[1]] == data[b[0] : b[0] + b[1]]
+
+    def alike(i: int) -> bool:
+        """Layer i is the one below it: the same data, in one place or in two."""
+        pairs = [(places[i - 1 + k * header.layers], places[i + k * header.layers]) for k in range(header.planes)]
+        if any(a[1] != b[1] for a, b in pairs):
+            return False
+        return all(a == b or same_bytes(a, b) for a, b in pairs)
+
+    same = None if header.key else repeats_of(alike(i) for i in range(1, header.layers))
     return container_stack(container, frame, same)
 
 
@@ -122,7 +135,8 @@ def _header(path: Path, data: mmap.mmap) -> _Header:
         raise InputError(f"{path}: the header says a bed of {bed[0]:g} × {bed[1]:g} mm and layers of {layer_mm:g} mm")
     if not 0 < max(planes, 1) <= MAX_PLANES:
         raise InputError(f"{path}: the header says {planes} grey levels")
-    return _Header(magic, bed, round(layer_mm, 6), width, height, table, layers, max(planes, 1), key, mirrored == 1)
+    return _Header(magic, bed, round(layer_mm, 6), width, height, table, layers, max(planes, 1), key, mirrored == 1,
+                   magic != PHOTON and version >= 3)  # fmt: skip
 
 
 def _table(path: Path, data: mmap.mmap, header: _Header) -> list[tuple[int, int]]:
@@ -141,13 +155,16 @@ def _table(path: Path, data: mmap.mmap, header: _Header) -> list[tuple[int, int]
     return places
 
 
-def _z_mm(path: Path, tops: list[float], layer_mm: float) -> NDArray[np.float64]:
-    """Bounds of the layers. The table holds where each begins or ends, by program; its steps are the heights."""
-    z = np.array(tops, np.float64)
+def _z_mm(path: Path, z_mm: list[float], layer_mm: float, hints: Hints) -> NDArray[np.float64]:
+    """Bounds of the layers. The table holds where each begins (from 0) or where each ends, by program."""
+    z = np.round(np.array(z_mm, np.float64), 6)
     if not np.isfinite(z).all() or (np.diff(z) <= 0).any():
         raise InputError(f"{path}: the layers' heights do not rise")
-    bottoms = np.round(z - (z[0] if z[0] < layer_mm / 2 else layer_mm), 6)
-    return np.stack([bottoms, np.append(bottoms[1:], round(bottoms[-1] + layer_mm, 6))], axis=1)
+    if hints.layer_mm:
+        return layer_bounds_mm(len(z_mm), hints.layer_mm, hints.first_layer_mm)
+    if z[0] > layer_mm / 2:
+        return np.stack([np.concatenate([[0.0], z[:-1]]), z], axis=1)
+    return np.stack([z, np.append(z[1:], round(z[-1] + layer_mm, 6))], axis=1)
 
 
 class _Codec:
@@ -236,17 +253,37 @@ def key_stream(seed, layer, size):  # type: ignore[no-untyped-def]
 
 
 def _save(target: BinaryIO, data: mmap.mmap, header: _Header, places: list[tuple[int, int]], spool: Spool) -> None:
-    """The file with changed layers' data in the old place if they fit, else at the end; the table says where."""
+    """The file with changed layers' data in the old place if they fit and nobody shares it, else at the end."""
     target.write(data)
+    shared = _shared(places)
     for index in range(header.layers):
         changed = spool.get(index)
         for k, plane in enumerate(_split(changed) if changed is not None else []):
             entry = index + k * header.layers
-            at, room = places[entry]
-            if len(plane) > room:
-                at = target.seek(0, 2)
-            target.seek(at)
-            target.write(plane)
+            old, room = places[entry]
+            record = bytearray(data[old - RECORD_BYTES : old]) if header.records else bytearray()
+            at = old
+            if len(plane) > room or entry in shared:
+                at = target.seek(0, 2) + len(record)
+            if len(record) == RECORD_BYTES:
+                struct.pack_into("<II", record, 12, at, len(plane))
+                struct.pack_into("<I", record, ENTRY_BYTES, RECORD_BYTES + len(plane))
+            target.seek(at - len(record))
+            target.write(record + plane)
             target.seek(header.table + entry * ENTRY_BYTES + 12)
             target.write(struct.pack("<II", at, len(plane)))
     target.seek(0, 2)
+
+
+def _shared(places: list[tuple[int, int]]) -> set[int]:
+    """Entries whose data overlap those of another."""
+    order = sorted(range(len(places)), key=lambda i: places[i])
+    found: set[int] = set()
+    end, last = -1, -1
+    for i in order:
+        at, size = places[i]
+        if at < end:
+            found |= {i, last}
+        if at + size > end:
+            end, last = at + size, i
+    return found

@@ -108,17 +108,23 @@ class Spool:
         self._file.close()
 
 
+def _source(container: Container, index: int) -> _Source:
+    """Read and decode one layer."""
+    payload = container.payload(index)
+    decoded = container.decode(index, payload)
+    rows = decoded.rows
+    if decoded.grey is not None:
+        rows = solid_rows(decoded.grey, container.threshold, container.grey_floor)
+    return _Source(index, payload, rows, decoded.grey)
+
+
 def container_stack(container: Container, frame: Frame, repeats: NDArray[np.bool_] | None = None) -> LayerStack:
     """The layers of a job, decoded when asked for. Raises InputError naming the file for an impossible frame."""
 
     def make(index: int) -> Layer:
-        payload = container.payload(index)
-        decoded = container.decode(index, payload)
-        rows = decoded.rows
-        if decoded.grey is not None:
-            rows = solid_rows(decoded.grey, container.threshold, container.grey_floor)
+        source = _source(container, index)
         bottom, top = frame.z_mm[index].tolist()
-        return Layer(rows, frame.width, (bottom, top), source=_Source(index, payload, rows, decoded.grey))
+        return Layer(source.rows, frame.width, (bottom, top), source=source)
 
     origin = (0.0, frame.height * frame.pixel_mm[1])
     try:
@@ -133,7 +139,9 @@ def rewrite(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     container: Container = stack.container
 
     def encode(layer: Layer) -> bytes | None:
-        source: _Source = layer.source
+        source: _Source | None = layer.source
+        if source is None:  # a layer made by someone else's function: found again by its height
+            source = _source(container, int(np.abs(stack.z_mm[:, 0] - layer.z_mm[0]).argmin()))
         if np.array_equal(layer.rows, source.rows):
             return None
         if source.grey is None:

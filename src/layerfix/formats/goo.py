@@ -9,6 +9,7 @@ from __future__ import annotations
 import mmap
 import struct
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -24,6 +25,7 @@ from layerfix.formats.encoding import axes_to_mirror, checked_printer, encoded
 from layerfix.formats.png_decode import Decoded
 from layerfix.formats.preview import Preview
 from layerfix.formats.zip_job import MAX_PANEL_PX
+from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -70,7 +72,7 @@ def read(path: Path, hints: Hints) -> LayerStack:
     places, tops = _layers(path, data, offset, count)
     pixel_mm = hinted_pitch(hints, (round(bed_x / width, 6), round(bed_y / height, 6)))
     assert pixel_mm is not None  # the file says it
-    frame = Frame(width, height, pixel_mm, _z_mm(path, tops, hints.layer_mm or round(layer_mm, 6)))
+    frame = Frame(width, height, pixel_mm, _z_mm(path, tops, round(layer_mm, 6), hints))
 
     def payload(index: int) -> bytes:
         at, size = places[index]
@@ -131,11 +133,13 @@ def _layers(path: Path, data: mmap.mmap, at: int, count: int) -> tuple[list[tupl
     return places, tops
 
 
-def _z_mm(path: Path, tops: list[float], layer_mm: float) -> NDArray[np.float64]:
+def _z_mm(path: Path, tops: list[float], layer_mm: float, hints: Hints) -> NDArray[np.float64]:
     """Bounds of the layers; the file holds where each ends."""
     z = np.round(np.array(tops, np.float64), 6)
     if not np.isfinite(z).all() or (np.diff(z) <= 0).any():
         raise InputError(f"{path}: the layers' heights do not rise")
+    if hints.layer_mm:
+        return layer_bounds_mm(len(tops), hints.layer_mm, hints.first_layer_mm)
     return np.stack([np.append(max(z[0] - layer_mm, 0.0) if z[0] > 0 else z[0] - layer_mm, z[:-1]), z], axis=1)
 
 
@@ -245,6 +249,8 @@ def _save(target: BinaryIO, data: mmap.mmap, places: list[tuple[int, int]], spoo
     target.write(data[done:])
     if volume > 0:
         grown = max(volume + totals.added_mm3, 0.0) / volume
-        target.seek(VOLUME_AT)
-        target.write(TAIL.pack(volume * grown, weight * grown, price * grown, *rest))
-        target.seek(0, 2)
+        with suppress(OverflowError, struct.error):  # amounts that are absurd stay as they are
+            amounts = TAIL.pack(volume * grown, weight * grown, price * grown, *rest)
+            target.seek(VOLUME_AT)
+            target.write(amounts)
+            target.seek(0, 2)

@@ -205,7 +205,7 @@ def decode_png(data: bytes, where: str, size_px: tuple[int, int], *, threshold: 
     if (width, height) != size_px:
         raise InputError(f"{where}: {width} × {height} px, not {size_px[0]} × {size_px[1]} px")
     if colour != 0 or interlace != 0 or depth not in (1, 8):
-        grey = _by_pillow(data, where)
+        grey = _by_pillow(data, where, size_px)
         has_greys = bool(((grey != 0) & (grey != 255)).any())
         return Decoded(pack(grey >= threshold), grey if has_greys else None)
     row_bytes = width if depth == 8 else (width + 7) // 8
@@ -279,12 +279,14 @@ def _rows_1bit(raw: NDArray[np.uint8], width: int, rows: Rows, where: str) -> Ro
     return pack(solid)
 
 
-def _by_pillow(data: bytes, where: str) -> NDArray[np.uint8]:
+def _by_pillow(data: bytes, where: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:
     """Any other PNG as 8-bit grey."""
     from PIL import Image
 
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data)) as image:  # its size is checked
+            if image.size != size_px:
+                raise InputError(f"{where}: not a readable PNG image (two headers that disagree)")
             if image.mode.startswith("I"):  # 16-bit grey
                 return (np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
             return np.asarray(image.convert("L"))

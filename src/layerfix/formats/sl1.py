@@ -58,7 +58,9 @@ def parse_ini(text: str) -> dict[str, str]:
 def read(archive: Archive, hints: Hints) -> LayerStack:
     """The layers of a job. Raises InputError for a missing layer height, no layers, and what is no 8-bit grey."""
     config = parse_ini(archive.text(CONFIG))
-    names = sorted(n for n in archive.entries if n.startswith(config["jobDir"]) and n.lower().endswith(".png"))
+    job = config["jobDir"]  # "thumb", say: the previews are in a folder, layers are not
+    names = sorted(n for n in archive.entries
+                   if n.startswith(job) and n.lower().endswith(".png") and "/" not in n[len(job):])  # fmt: skip
     width, height, _ = check_layers(archive, names, (0,))
     slicer = parse_ini(archive.text(SLICER)) if SLICER in archive else {}
     pixel_mm = hinted_pitch(hints, _pitch_mm(slicer, (width, height)))
@@ -74,21 +76,21 @@ def read(archive: Archive, hints: Hints) -> LayerStack:
     return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=_mirror(slicer))
 
 
-def number(path: Path, config: dict[str, str], key: str) -> float:
+def number(path: Path, config: dict[str, str], key: str, file: str = CONFIG) -> float:
     """A key's value as a number above 0. Raises InputError naming the key."""
     try:
         value = float(config[key])
     except KeyError as problem:
-        raise InputError(f"{path}: {CONFIG} has no {key}") from problem
+        raise InputError(f"{path}: {file} has no {key}") from problem
     except ValueError as problem:
-        raise InputError(f"{path}: {CONFIG} says {key} = {config[key]}; it is a number") from problem
+        raise InputError(f"{path}: {file} says {key} = {config[key]}; it is a number") from problem
     if not 0 < value < float("inf"):
-        raise InputError(f"{path}: {CONFIG} says {key} = {config[key]}; it is above 0")
+        raise InputError(f"{path}: {file} says {key} = {config[key]}; it is above 0")
     return value
 
 
 def _first_layer_mm(path: Path, slicer: dict[str, str], layer_mm: float) -> float:
-    return number(path, slicer, "initial_layer_height") if "initial_layer_height" in slicer else layer_mm
+    return number(path, slicer, "initial_layer_height", SLICER) if "initial_layer_height" in slicer else layer_mm
 
 
 def _pitch_mm(slicer: dict[str, str], size: tuple[int, int]) -> tuple[float, float] | None:
@@ -114,9 +116,13 @@ def with_used_material(config: bytes, added_ml: float) -> bytes:
     """config.ini with `usedMaterial` (ml) changed by so much; every other byte as it was."""
 
     def changed(match: re.Match[bytes]) -> bytes:
-        return match[1] + f"{max(float(match[2]) + added_ml, 0):.6f}".encode()
+        try:
+            old_ml = float(match[2])
+        except ValueError:
+            return match[0]
+        return match[1] + f"{max(old_ml + added_ml, 0):.6f}".encode()
 
-    return re.sub(rb"(?m)^(usedMaterial\s*=\s*)([0-9.]+)", changed, config)
+    return re.sub(rb"(?m)^(usedMaterial[ \t]*=[ \t]*)([^\s]+)", changed, config)
 
 
 def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:

@@ -20,6 +20,7 @@ from layerfix.files import reading
 LOCAL, CENTRAL, END = 0x04034B50, 0x02014B50, 0x06054B50
 LARGEST_TEXT = 16 << 20  # bytes of a metadata entry
 MAX_32 = 0xFFFFFFFF
+SMALL_READ = 4096
 
 
 class Archive:
@@ -63,7 +64,15 @@ class Archive:
         """The first so many bytes of one entry."""
         try:
             with self._zip.open(name) as entry:
-                return entry.read(size)
+                # LZMA and BZIP2 have no bound on what one read unpacks but the bytes that go in.
+                stored = self.entries[name].compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+                if stored:
+                    return entry.read(size)
+                parts, left = [], size
+                while left > 0 and (part := entry.read(min(left, SMALL_READ))):
+                    parts.append(part)
+                    left -= len(part)
+                return b"".join(parts)
         except Exception as problem:
             # zipfile lets through what its decompressors raise: zlib.error, LZMAError, EOFError, OSError …
             raise InputError(f"{self.path}: entry {name} cannot be read ({problem})") from problem
@@ -78,7 +87,16 @@ class Archive:
         return (a.CRC, a.file_size) == (b.CRC, b.file_size)
 
     def rewrite(self, target: BinaryIO, replaced: Mapping[str, bytes]) -> None:
-        """Write the archive with some entries' data replaced. Raises InputError for zip64 archives."""
+        """Write the archive with some entries' data replaced.
+
+        Raises InputError for zip64 archives and for directories that do not add up.
+        """
+        try:
+            self._rewrite(target, replaced)
+        except (struct.error, ValueError) as problem:
+            raise InputError(f"{self.path}: a zip file whose directory does not add up ({problem})") from problem
+
+    def _rewrite(self, target: BinaryIO, replaced: Mapping[str, bytes]) -> None:
         with self.path.open("rb") as source:
             directory_at, directory, comment = self._directory(source)
             infos = sorted(self._zip.infolist(), key=lambda info: info.header_offset)
@@ -143,8 +161,20 @@ def _local(raw: bytes, fields: _Fields) -> bytes:
     """The local header of an entry with new sizes, and the new data."""
     name, extra = struct.unpack_from("<HH", raw, 26)
     version, flags = struct.unpack_from("<HH", raw, 4)
-    head = struct.pack("<IHHH", LOCAL, version, flags & ~8, fields.method) + raw[10:14] + fields.header + raw[26:30]
-    return head + raw[30 : 30 + name + extra] + fields.packed
+    kept = _without_zip64(raw[30 + name : 30 + name + extra])
+    head = struct.pack("<IHHH", LOCAL, version, flags & ~8, fields.method) + raw[10:14] + fields.header
+    return head + struct.pack("<HH", name, len(kept)) + raw[30 : 30 + name] + kept + fields.packed
+
+
+def _without_zip64(extra: bytes) -> bytes:
+    """Extra fields without 0x0001, which would give the old sizes once more."""
+    kept, at = b"", 0
+    while at + 4 <= len(extra):
+        kind, size = struct.unpack_from("<HH", extra, at)
+        if kind != 1:
+            kept += extra[at : at + 4 + size]
+        at += 4 + size
+    return kept + extra[at:]
 
 
 def _central(entry: bytes, offset: int, header: bytes | None) -> bytes:
@@ -152,5 +182,10 @@ def _central(entry: bytes, offset: int, header: bytes | None) -> bytes:
     flags, method = struct.unpack_from("<HH", entry, 8)
     if header is not None:
         kept = method if method == zipfile.ZIP_STORED else zipfile.ZIP_DEFLATED
-        entry = entry[:8] + struct.pack("<HH", flags & ~8, kept) + entry[12:16] + header + entry[28:]
+        name, extra = struct.unpack_from("<HH", entry, 28)
+        fields = _without_zip64(entry[46 + name : 46 + name + extra])
+        entry = (
+            entry[:8] + struct.pack("<HH", flags & ~8, kept) + entry[12:16] + header
+            + struct.pack("<HH", name, len(fields)) + entry[32 : 46 + name] + fields + entry[46 + name + extra :]
+        )  # fmt: skip
     return entry[:42] + struct.pack("<I", offset) + entry[46:]
