@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from layerfix.bits import pack, unpack, words_for
 from layerfix.formats import runs
-from layerfix.formats.chitu import key_stream
 from layerfix.greys import pack_from
 from tests import independent_readers as plain
 
@@ -219,4 +218,4 @@ def test_packing_greys(image, threshold):
 @given(st.integers(1, 2**32 - 1), st.integers(0, 5000), st.integers(0, 50))
 def test_the_key_stream(seed, layer, size):
     """The words of the plain cipher, for sizes that are no multiple of four too."""
-    assert key_stream(seed, layer, size).tobytes() == plain.ctb_cipher(bytes(size), seed, layer)
+    assert runs.key_stream(seed, layer, size).tobytes() == plain.ctb_cipher(bytes(size), seed, layer)

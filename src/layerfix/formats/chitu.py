@@ -6,6 +6,8 @@ Little-endian: a header, a table of 36-byte layer entries (z, exposure, light-of
 the layers' data anywhere. Photon and CBDDLP store planes of one bit, one table after the other: a pixel's grey is
 the share of planes it is set in. CTB stores 7-bit greys, XORed with a key stream if the header has a key.
 
+The codes are loaded when first used: compiling them is not for those who have no such jobs.
+
 Rewriting keeps every byte but the changed layers' data and their offsets and sizes in the table: data that fit go
 where the old were, others to the end of the file, and nothing that points elsewhere has to move.
 """
@@ -20,16 +22,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
-from numba import njit, types
 
 from layerfix.bits import unpack, words_for
 from layerfix.errors import InputError
 from layerfix.files import reading
-from layerfix.formats import runs
 from layerfix.formats.container import Container, Frame, Spool, Totals, container_stack, hinted_pitch, repeats_of
 from layerfix.formats.png_decode import Decoded
 from layerfix.formats.zip_job import MAX_PANEL_PX
-from layerfix.greys import pack_from
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -174,6 +173,9 @@ class _Codec:
         self.path, self.header, self.threshold = path, header, threshold
 
     def decode(self, index: int, payload: bytes) -> Decoded:
+        from layerfix.formats import runs
+        from layerfix.greys import pack_from
+
         h = self.header
         planes = _split(payload)
         if h.magic != PHOTON:
@@ -193,9 +195,11 @@ class _Codec:
         return Decoded(pack_from(grey, self.threshold), grey)
 
     def _decode_ctb(self, index: int, data: NDArray[np.uint8]) -> Decoded:
+        from layerfix.formats import runs
+
         h = self.header
         if h.key:
-            data = data ^ key_stream(h.key, index, len(data))
+            data = data ^ runs.key_stream(h.key, index, len(data))
         rows = np.zeros((h.height, words_for(h.width)), np.uint64)
         covered, greys = runs.decode_ctb(data, h.width, self.threshold, rows)
         self._check(index, covered)
@@ -214,6 +218,9 @@ class _Codec:
             raise InputError(f"{self.path}: layer {index} is cut short: its runs cover {covered} of {total} px")
 
     def encode(self, index: int, payload: bytes, rows: Rows, grey: NDArray[np.uint8] | None) -> bytes:
+        from layerfix.formats import runs
+        from layerfix.greys import pack_from
+
         h = self.header
         if h.magic == PHOTON:
             levels = [rows] * h.planes
@@ -226,7 +233,7 @@ class _Codec:
             planes = [runs.encode_photon(np.ascontiguousarray(r), h.width).tobytes() for r in levels]
         else:
             data = runs.encode_runs(rows, h.width, False) if grey is None else runs.encode_greys(grey, False)
-            planes = [(data ^ key_stream(h.key, index, len(data)) if h.key else data).tobytes()]
+            planes = [(data ^ runs.key_stream(h.key, index, len(data)) if h.key else data).tobytes()]
         return b"".join(struct.pack("<I", len(p)) + p for p in planes)
 
 
@@ -237,19 +244,6 @@ def _split(payload: bytes) -> list[bytes]:
         planes.append(payload[at + 4 : at + 4 + size])
         at += 4 + size
     return planes
-
-
-@njit(types.Array(types.uint8, 1, "C")(types.uint32, types.uint32, types.int64), cache=True, nogil=True)
-def key_stream(seed, layer, size):  # type: ignore[no-untyped-def]
-    """The bytes that a CTB layer is XORed with: words of a linear sequence, little-endian (catibo)."""
-    step = np.uint32(seed * np.uint32(0x2D83CDAC) + np.uint32(0xD8A83423))
-    key = np.uint32(np.uint32(layer * np.uint32(0x1E1530CD) + np.uint32(0xEC3D47CD)) * step)
-    out = np.empty(size, np.uint8)
-    for i in range(size):
-        out[i] = np.uint8(key >> np.uint32(8 * (i & 3)) & np.uint32(255))
-        if i & 3 == 3:
-            key = np.uint32(key + step)
-    return out
 
 
 def _save(target: BinaryIO, data: mmap.mmap, header: _Header, places: list[tuple[int, int]], spool: Spool) -> None:

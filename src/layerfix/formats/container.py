@@ -19,7 +19,6 @@ from layerfix.errors import InputError
 from layerfix.files import whole_file
 from layerfix.formats.encoding import encoded
 from layerfix.formats.png_decode import Decoded
-from layerfix.greys import corrected_greys, solid_rows
 from layerfix.stack import Layer, LayerStack
 
 if TYPE_CHECKING:
@@ -114,6 +113,8 @@ def _source(container: Container, index: int) -> _Source:
     decoded = container.decode(index, payload)
     rows = decoded.rows
     if decoded.grey is not None:
+        from layerfix.greys import solid_rows
+
         rows = solid_rows(decoded.grey, container.threshold, container.grey_floor)
     return _Source(index, payload, rows, decoded.grey)
 
@@ -146,6 +147,8 @@ def rewrite(path: Path, stack: LayerStack, options: WriteOptions) -> None:
             return None
         if source.grey is None:
             return container.encode(source.index, source.payload, layer.rows, None)
+        from layerfix.greys import corrected_greys
+
         radius_px = layer.change.radius_px if layer.change else (0.5, 0.5)
         grey = corrected_greys(source.grey, source.rows, layer.rows, radius_px, container.threshold)
         return container.encode(source.index, source.payload, layer.rows, grey)

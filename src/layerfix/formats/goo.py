@@ -19,7 +19,6 @@ from layerfix import __version__
 from layerfix.bits import mirrored, words_for
 from layerfix.errors import InputError
 from layerfix.files import reading, whole_file
-from layerfix.formats import runs
 from layerfix.formats.container import Container, Frame, Spool, Totals, container_stack, hinted_pitch, repeats_of
 from layerfix.formats.encoding import axes_to_mirror, checked_printer, encoded
 from layerfix.formats.png_decode import Decoded
@@ -79,6 +78,8 @@ def read(path: Path, hints: Hints) -> LayerStack:
         return data[at : at + size]
 
     def decode(index: int, packed: bytes) -> Decoded:
+        from layerfix.formats import runs
+
         rows = np.zeros((height, words_for(width)), np.uint64)
         pixels = np.frombuffer(packed, np.uint8)
         covered, greys = runs.decode_goo(pixels, width, hints.threshold, rows)
@@ -93,6 +94,8 @@ def read(path: Path, hints: Hints) -> LayerStack:
         return Decoded(rows, grey)
 
     def encode(index: int, packed: bytes, rows: Rows, grey: NDArray[np.uint8] | None) -> bytes:
+        from layerfix.formats import runs
+
         if grey is None:
             return bytes(runs.encode_runs(rows, width, True))
         return bytes(runs.encode_greys(grey if eight_bit else _to_4_bit(grey, hints.threshold), True))
@@ -155,6 +158,8 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     volume_mm3 = 0.0
 
     def encode(layer: Layer) -> tuple[bytes, Image, int]:
+        from layerfix.formats import runs
+
         rows = mirrored(layer.rows, width, mirror)
         return bytes(runs.encode_runs(rows, width, True)), preview.reduce(layer), layer.count_px()
 

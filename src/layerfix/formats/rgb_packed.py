@@ -9,7 +9,6 @@ import numpy as np
 from layerfix.bits import unpack
 from layerfix.errors import InputError
 from layerfix.formats.png_decode import Decoded
-from layerfix.greys import pack_from
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,6 +23,8 @@ def rgb_unpacker(size: tuple[int, int], threshold: int, *, bgr: bool) -> Callabl
 
     def decode(data: bytes, where: str) -> Decoded:
         import cv2
+
+        from layerfix.greys import pack_from
 
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)  # blue, green, red
         if image is None:

@@ -324,3 +324,19 @@ def decode_goo_greys(data, image):  # type: ignore[no-untyped-def]
         for k in range(at, min(at + length, flat.shape[0])):
             flat[k] = value
         at += length
+
+
+# ------------------------------------------------------------------------------------------- CTB's cipher
+
+
+@njit(types.Array(types.uint8, 1, "C")(types.uint32, types.uint32, types.int64), cache=True, nogil=True)
+def key_stream(seed, layer, size):  # type: ignore[no-untyped-def]
+    """The bytes that a CTB layer is XORed with: words of a linear sequence, little-endian (catibo)."""
+    step = np.uint32(seed * np.uint32(0x2D83CDAC) + np.uint32(0xD8A83423))
+    key = np.uint32(np.uint32(layer * np.uint32(0x1E1530CD) + np.uint32(0xEC3D47CD)) * step)
+    out = np.empty(size, np.uint8)
+    for i in range(size):
+        out[i] = np.uint8(key >> np.uint32(8 * (i & 3)) & np.uint32(255))
+        if i & 3 == 3:
+            key = np.uint32(key + step)
+    return out
