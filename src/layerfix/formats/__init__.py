@@ -128,8 +128,10 @@ def refusal(path: Path, head: bytes) -> str | None:
     else:
         return None
     return (
-        f"{path}: {kind}, which layerfix does not read; go by UVtools: `UVtoolsCmd extract {path} layers -c Layers`,"
-        " correct the folder layers, and put it back with `UVtoolsCmd run` and its layer import"
+        f"{path}: {kind}, which layerfix does not read; UVtools does the rest:"
+        f" `UVtoolsCmd extract {path} layers -c Layers`, then correct the folder layers with layerfix, then"
+        f" `UVtoolsCmd run {path} import.uvtop -o fixed{path.suffix}`, where import.uvtop is a saved"
+        ' "import layers" operation of the corrected images with import type Replace'
     )
 
 
