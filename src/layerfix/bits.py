@@ -60,6 +60,8 @@ def unpack(rows: Rows, width: int) -> Image:
     return np.unpackbits(as_bytes, axis=1, bitorder="little", count=width).view(np.bool_)
 
 
+# Kernels here and elsewhere carry no annotations ("no-untyped-def"): their types are numba's, stated in the
+# signature, or taken from the caller; what Python calls from outside is annotated.
 @njit
 def popcount(x):  # type: ignore[no-untyped-def]
     """Set bits of one word (LLVM turns this into one instruction)."""
