@@ -22,10 +22,13 @@ _HOME = {
     "meso_skeleton": "skeleton",
     "correct": "correction",
     "correct_image": "correction",
+    "Contours": "contours",
+    "trace_contours": "contours",
     "read": "formats",
     "write": "formats",
 }
 __all__ = [
+    "Contours",
     "Layer",
     "LayerStack",
     "LayerfixError",
@@ -39,12 +42,14 @@ __all__ = [
     "pack",
     "read",
     "slice_mesh",
+    "trace_contours",
     "unpack",
     "write",
 ]
 
 if TYPE_CHECKING:
     from layerfix.bits import pack, unpack
+    from layerfix.contours import Contours, trace_contours
     from layerfix.correction import correct, correct_image
     from layerfix.errors import LayerfixError
     from layerfix.formats import read, write

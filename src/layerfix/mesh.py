@@ -175,16 +175,24 @@ def _check_plausible(mesh: Mesh, path: Path, read_in: str) -> None:
     )
 
 
-def save_stl(path: str | Path, mesh: Mesh, *, force: bool = False) -> None:
-    """Write a binary STL. Raises OutputError for an existing `path` without `force` and what the system refuses."""
+def stl_header(text: str, triangles: int) -> bytes:
+    """The first 84 bytes of a binary STL."""
+    return f"binary STL, {text}, mm".encode("ascii", "replace")[:80].ljust(80) + triangles.to_bytes(4, "little")
+
+
+def stl_triangles(corners: NDArray[np.float64]) -> NDArray[np.void]:
+    """(n, 3, 3) corners of triangles as the records of a binary STL."""
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    corners = mesh.vertices[mesh.faces]
     triangles = np.zeros(len(corners), record)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     triangles["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     triangles["corners"] = corners
+    return triangles
+
+
+def save_stl(path: str | Path, mesh: Mesh, *, force: bool = False) -> None:
+    """Write a binary STL. Raises OutputError for an existing `path` without `force` and what the system refuses."""
     with whole_file(Path(path), force=force) as file:
-        file.write(f"binary STL, {mesh.name}, mm".encode("ascii", "replace")[:80].ljust(80))
-        file.write(len(corners).to_bytes(4, "little"))
-        file.write(triangles.tobytes())
+        file.write(stl_header(mesh.name, len(mesh.faces)))
+        file.write(stl_triangles(mesh.vertices[mesh.faces]).tobytes())
