@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import struct
 import zipfile
@@ -13,7 +14,15 @@ import pytest
 
 from layerfix import Printer, load_printer
 from layerfix.errors import InputError
-from layerfix.printers import KEYS, description, find_printers, listing, printer_folder, printer_names
+from layerfix.printers import (
+    GCODE_PLACEHOLDERS,
+    KEYS,
+    description,
+    find_printers,
+    listing,
+    printer_folder,
+    printer_names,
+)
 from tests.making import SHARED, Run, run_layerfix
 
 every_printer = pytest.mark.parametrize("name", printer_names())
@@ -60,6 +69,33 @@ ultimaker-s5-0.4         0.20  0.20  0.40  marlin   False
 lulzbot-taz6-0.5         0.25  0.30  0.56  marlin   False
 """
 
+# What writing G-code needs. The S5's profile leaves acceleration to the printer's own.
+SPEEDS = (
+    "external_perimeter_mm_s", "perimeter_mm_s", "infill_mm_s", "solid_infill_mm_s", "top_infill_mm_s",
+    "gap_fill_mm_s", "first_layer_mm_s", "travel_mm_s",
+)  # fmt: skip
+FOR_GCODE = (
+    *SPEEDS, "acceleration_mm_s2", "retract_mm", "retract_mm_s", "retract_lift_mm", "retract_before_travel_mm",
+    "nozzle_c", "first_layer_nozzle_c", "bed_c", "first_layer_bed_c", "fan_percent", "start_gcode", "end_gcode",
+)  # fmt: skip
+UNKNOWN = {("ultimaker-s5-0.4", "acceleration_mm_s2")}
+
+# PrusaSlicer's profiles: name, outer and inner walls, sparse, solid and top infill, first layer, nozzle and bed (°C)
+EXPECTED_SPEEDS = """
+prusa-mk3s-0.25          20   30   45   45     30     20    215  60
+prusa-mk3s-0.4           25   45   80   80     40     20    215  60
+prusa-mk3s-0.6           35   45   70   70     45     20    215  60
+prusa-mk3s-0.8           25   35   50   45     35     20    225  60
+prusa-mini-0.4           30   40   80   80     40     20    215  60
+prusa-mk4-0.6            35   60   200  80     40     20    215  60
+prusa-xl-0.8             40   45   70   45     35     25    220  60
+ender-3-0.4              25   40   50   40     30     20    205  60
+ender-3-0.6              25   40   50   40     30     20    205  60
+ratrig-v-core-4-400-0.6  250  350  400  400    160    50    210  70
+ultimaker-s5-0.4         25   50   70   52.5   26.25  12.5  210  60
+lulzbot-taz6-0.5         35   45   60   60     40     15    220  60
+"""
+
 FORMATS = {
     *(".sl1", ".sl1s", ".m1", ".ctb", ".goo", ".photon", ".nanodlp", ".svgx", ".cxdlp", ".cxdlpv4", ".gcode"),
     *(".pws", ".pwmo", ".pwmx", ".pm3", ".pm4n", ".pm5s", ".pm7", ".pwsz", ".dl2p"),  # Anycubic
@@ -91,6 +127,16 @@ def succeeds(done: Run) -> str:
     """Exit code 0 and nothing on stderr; gives stdout."""
     assert (done.code, done.err) == (0, "")
     return done.out
+
+
+def code(text: str) -> list[str]:
+    """The commands of some G-code, without its comments."""
+    return [command for line in text.splitlines() if (command := line.partition(";")[0].strip())]
+
+
+def words(command: str) -> dict[str, float]:
+    """Of a move: ``{"X": 10, "F": 6000}``."""
+    return {word[0]: float(word[1:]) for word in command.split()[1:]}
 
 
 def comments(name: str) -> dict[str, str]:
@@ -201,6 +247,106 @@ def test_every_fdm_printer_can_extrude(name):
     assert printer.pixels is printer.exposure_s is printer.light_pwm is None
 
 
+@pytest.mark.parametrize("name", FDM)
+def test_every_fdm_printer_can_be_driven(name):
+    """Enough to write G-code: speeds that suit each other, retraction, heat for PLA, start and end."""
+    printer = load_printer(name)
+    assert {key for key in FOR_GCODE if getattr(printer, key) is None} == {k for n, k in UNKNOWN if n == name}
+    assert printer.external_perimeter_mm_s <= printer.perimeter_mm_s <= printer.infill_mm_s
+    assert printer.top_infill_mm_s <= printer.solid_infill_mm_s <= printer.infill_mm_s
+    assert printer.first_layer_mm_s <= printer.external_perimeter_mm_s
+    assert max(getattr(printer, key) for key in SPEEDS) == printer.travel_mm_s <= 500
+    assert 500 <= (printer.acceleration_mm_s2 or 500) <= 10000
+    assert 0.5 <= printer.retract_mm <= 7
+    assert 20 <= printer.retract_mm_s <= 120
+    assert 0 <= printer.retract_lift_mm <= 0.5
+    assert 1 <= printer.retract_before_travel_mm <= 2
+    assert all(200 <= heat <= 230 for heat in (printer.nozzle_c, printer.first_layer_nozzle_c))
+    assert all(55 <= heat <= 70 for heat in (printer.bed_c, printer.first_layer_bed_c))
+    assert 40 <= printer.fan_percent <= 100
+
+
+def test_only_fdm_printers_say_what_g_code_needs():
+    """A panel has no nozzle to heat or to move."""
+    assert all(getattr(load_printer(name), key) is None for name in RESIN for key in FOR_GCODE)
+
+
+@pytest.mark.parametrize("line", EXPECTED_SPEEDS.strip().splitlines())
+def test_the_speeds_are_those_of_the_profiles(line):
+    """In mm/s, where the profile says percent too."""
+    name, *numbers = line.split()
+    p = load_printer(name)
+    speeds = [p.external_perimeter_mm_s, p.perimeter_mm_s, p.infill_mm_s, p.solid_infill_mm_s, p.top_infill_mm_s]
+    assert [*speeds, p.first_layer_mm_s, p.nozzle_c, p.bed_c] == list(map(float, numbers))
+
+
+@pytest.mark.parametrize("name", FDM)
+def test_the_start_heats_homes_and_primes_within_the_bed(name):
+    """In that order, with the first layer's heat; one line along the front, all of it where the nozzle can reach."""
+    printer = load_printer(name)
+    lines = code(printer.start_gcode)
+    order = ["G21", "G90", "M83", "M140 S{first_layer_bed_c}", "M190 S{first_layer_bed_c}", "G28"]
+    where = [next(n for n, line in enumerate(lines) if line.startswith(command)) for command in order]
+    assert where == sorted(where)
+    hot = lines.index("M109 S{first_layer_nozzle_c}")
+    assert [line[:3] for line in lines[hot + 1 :]].count("G1 ") >= 3
+    assert lines[-1] == "G92 E0"
+    assert {"M82", "M84"}.isdisjoint(lines)
+
+    at, primed = {"X": 0.0, "Y": 0.0, "Z": 0.0}, []
+    width, depth, height = printer.build_mm
+    for n, line in enumerate(lines):
+        if not line.startswith("G1 "):
+            continue
+        before, move = dict(at), words(line)
+        at |= {axis: move[axis] for axis in "XYZ" if axis in move}
+        assert 0 < at["X"] < width or "X" not in move
+        assert 0 < at["Y"] < depth or "Y" not in move
+        assert 0 < at["Z"] < height
+        if "E" in move:
+            primed.append((before, dict(at), move))
+            assert n > hot
+    ((begin, end, move),) = primed
+    assert (begin["Y"], begin["Z"]) == (end["Y"], end["Z"])
+    assert 0 < end["Y"] <= 5
+    assert 0.2 <= end["Z"] <= 0.8 * printer.nozzle_mm
+    length = end["X"] - begin["X"]
+    bead_mm2 = move["E"] * math.pi * printer.filament_mm**2 / 4 / length
+    assert length >= 50
+    assert bead_mm2 / end["Z"] <= 2.3 * printer.nozzle_mm  # about as wide as such a nozzle lays it
+    assert bead_mm2 * move["F"] / 60 <= printer.max_volumetric_speed_mm3_s
+    assert end["Z"] < at["Z"]  # it leaves the line before it travels
+
+
+@pytest.mark.parametrize("name", FDM)
+def test_the_end_turns_everything_off(name):
+    """Heat and fan before it moves; a retraction and a lift, both relative; the head within the bed; motors last."""
+    printer = load_printer(name)
+    lines = code(printer.end_gcode)
+    assert lines[:3] == ["M104 S0", "M140 S0", "M107"]
+    assert lines[-1] == "M84"
+    retract = next(line for line in lines if " E-" in line)
+    assert 0 < -words(retract)["E"] <= 2
+    assert lines.index("M83") < lines.index(retract) < lines.index("G91") < lines.index("G90")
+    (lift,) = lines[lines.index("G91") + 1 : lines.index("G90")]
+    assert words(lift)["Z"] > 0
+    (park,) = (words(line) for line in lines[lines.index("G90") + 1 :] if line.startswith("G1 "))
+    assert 0 < park["X"] < printer.build_mm[0]
+    assert 0.9 * printer.build_mm[1] < park["Y"] < printer.build_mm[1]
+    assert "{" not in printer.end_gcode
+
+
+@pytest.mark.parametrize("name", FDM)
+def test_start_and_end_are_plain(name):
+    """No progress, no messages, no macros of one slicer; Prusa's level, the others only home."""
+    lines = code(load_printer(name).start_gcode) + code(load_printer(name).end_gcode)
+    assert all(re.fullmatch(r"[GM]\d+( [A-Z](-?[\d.]+|\{\w+\})?)*", line) for line in lines), lines
+    commands = {line.split()[0] for line in lines}
+    assert commands.isdisjoint({"M73", "M117", "M82", "M862.3"})
+    level = "G80" if "mk3s" in name else "G29" if name.startswith("prusa") else None
+    assert commands & {"G29", "G80"} == ({level} if level else set())
+
+
 @every_printer
 def test_the_panel_is_as_large_as_what_it_prints(name):
     """Pixels times pitch is the build area, within 0.5 %; a nozzle has no panel."""
@@ -229,8 +375,9 @@ def test_every_exposure_states_its_source(name):
 
 @every_printer
 def test_every_file_says_only_what_is_asked_in_plain_lines(name):
-    """One `key = value` a line, keys that end in their units, and no line too long to read."""
-    lines = (printer_folder() / f"{name}.toml").read_text(encoding="utf-8").splitlines()
+    """One `key = value` a line, only G-code in several, and no line too long to read."""
+    text = (printer_folder() / f"{name}.toml").read_text(encoding="utf-8")
+    lines = re.sub(r'(?m)^(start|end)_gcode = """\n(.+\n)+?"""$', "# G-code", text).splitlines()
     assert all(line.startswith("# ") or re.fullmatch(r"\w+ = \S.*", line) for line in lines)
     assert max(map(len, lines)) <= 118
 
@@ -241,7 +388,10 @@ def test_every_file_says_only_what_is_asked_in_plain_lines(name):
 def test_every_value_has_its_line_in_the_table():
     """The table of keys and the class are the same list, and the named units are those of the table."""
     assert {f.name for f in fields(Printer)} == {"name", *KEYS}
-    ends = {"_mm3_s": "mm³/s", "_mm_min": "mm/min", "_mm": "mm", "_s": "s", "_pwm": "of 255"}
+    ends = {
+        "_mm3_s": "mm³/s", "_mm_s2": "mm/s²", "_mm_s": "mm/s", "_mm_min": "mm/min", "_mm": "mm", "_s": "s",
+        "_c": "°C", "_percent": "%", "_pwm": "of 255",
+    }  # fmt: skip
     for key, wanted in KEYS.items():
         assert wanted.meaning
         unit = next((unit for end, unit in ends.items() if key.endswith(end)), None)
@@ -264,7 +414,11 @@ def test_ones_own_printer_by_path(tmp_path):
         lift_mm="0.0", lift_mm_min="60", bottom_lift_mm="7", bottom_lift_mm_min="30", retract_mm_min="150",
         light_pwm="0", bottom_light_pwm="255", antialias_bits="7", filament_mm="1.75", extrusion_width_mm="0.45",
         first_layer_width_mm="0.5", width_range_mm="[0.34, 1]", max_volumetric_speed_mm3_s="11.5",
-        gcode_flavor='"klipper"', relative_extrusion="false",
+        gcode_flavor='"klipper"', relative_extrusion="false", external_perimeter_mm_s="25", perimeter_mm_s="45",
+        infill_mm_s="80", solid_infill_mm_s="79.5", top_infill_mm_s="40", gap_fill_mm_s="30", first_layer_mm_s="20",
+        travel_mm_s="180", acceleration_mm_s2="1000", retract_mm="0", retract_mm_s="35", retract_lift_mm="0",
+        retract_before_travel_mm="0", nozzle_c="215", first_layer_nozzle_c="0", bed_c="60", first_layer_bed_c="65.5",
+        fan_percent="0", start_gcode='"""\nG28\nM104 S{nozzle_c}\n"""', end_gcode='"M84"',
     )  # fmt: skip
     for given in (path, str(path)):
         assert load_printer(given) == Printer(
@@ -275,6 +429,11 @@ def test_ones_own_printer_by_path(tmp_path):
             bottom_lift_mm_min=30, retract_mm_min=150, light_pwm=0, bottom_light_pwm=255, antialias_bits=7,
             filament_mm=1.75, extrusion_width_mm=0.45, first_layer_width_mm=0.5, width_range_mm=(0.34, 1),
             max_volumetric_speed_mm3_s=11.5, gcode_flavor="klipper", relative_extrusion=False,
+            external_perimeter_mm_s=25, perimeter_mm_s=45, infill_mm_s=80, solid_infill_mm_s=79.5,
+            top_infill_mm_s=40, gap_fill_mm_s=30, first_layer_mm_s=20, travel_mm_s=180, acceleration_mm_s2=1000,
+            retract_mm=0, retract_mm_s=35, retract_lift_mm=0, retract_before_travel_mm=0, nozzle_c=215,
+            first_layer_nozzle_c=0, bed_c=60, first_layer_bed_c=65.5, fan_percent=0,
+            start_gcode="G28\nM104 S{nozzle_c}\n", end_gcode="M84",
         )  # fmt: skip
 
 
@@ -284,6 +443,7 @@ def test_values_have_the_kinds_of_the_table(tmp_path):
     assert (type(printer.lift_mm), type(printer.bottom_layers)) == (float, int)
     assert printer.relative_extrusion is True
     assert [printer.exposure_s, printer.light_pwm, printer.gcode_flavor, printer.width_range_mm] == [None] * 4
+    assert [getattr(printer, key) for key in FOR_GCODE] == [None] * len(FOR_GCODE)
 
 
 def test_a_path_is_relative_to_where_one_is(tmp_path, monkeypatch):
@@ -343,7 +503,8 @@ def test_bytes_that_are_no_text(tmp_path):
     ("key", "near"),
     [("layer_hight", "layer_mm"), ("pixel", "pixel_mm"), ("min_feature", "min_feature_mm"), ("proces", "process"),
      ("exposure", "exposure_s"), ("exposure_time_s", "exposure_s"), ("lift_speed_mm_min", "lift_mm_min"),
-     ("light_pmw", "light_pwm"), ("gcode_flavour", "gcode_flavor"), ("extrusion_width", "extrusion_width_mm")],
+     ("light_pmw", "light_pwm"), ("start_code", "start_gcode"), ("nozzle_temp_c", "nozzle_c"),
+     ("gcode_flavour", "gcode_flavor"), ("extrusion_width", "extrusion_width_mm")],
 )  # fmt: skip
 def test_a_wrong_key_names_the_near_ones(tmp_path, key, near):
     """A typing error in a key."""
@@ -373,7 +534,9 @@ def test_a_missing_key_is_named(tmp_path, key):
      ("process", "1"), ("process", '"laser"'), ("mirror", "true"), ("layer_mm", "1979-05-27"),
      ("relative_extrusion", "1"), ("relative_extrusion", '"yes"'), ("bottom_layers", "5.0"), ("light_pwm", "true"),
      ("exposure_s", '"2.5"'), ("exposure_s", "false"), ("gcode_flavor", '"mach3"'), ("gcode_flavor", '""'),
-     ("width_range_mm", "0.4"), ("width_range_mm", "[0.4, true]"), ("transition_layers", "[1]")],
+     ("nozzle_c", '"215"'), ("fan_percent", "true"), ("travel_mm_s", "[180]"), ("start_gcode", "28"),
+     ("end_gcode", '["G28", "M84"]'), ("width_range_mm", "0.4"), ("width_range_mm", "[0.4, true]"),
+     ("transition_layers", "[1]")],
 )  # fmt: skip
 def test_a_value_of_the_wrong_kind_is_named(tmp_path, key, value):
     """Key and value, and what it should be."""
@@ -384,8 +547,10 @@ def test_a_value_of_the_wrong_kind_is_named(tmp_path, key, value):
 
 @pytest.mark.parametrize("value", ["0", "-0.05", "nan", "inf", "-inf"])
 @pytest.mark.parametrize(
-    "key", ["layer_mm", "min_feature_mm", "first_layer_mm", "nozzle_mm", "exposure_s", "lift_mm_min", "filament_mm"]
-)
+    "key",
+    ["layer_mm", "min_feature_mm", "first_layer_mm", "nozzle_mm", "exposure_s", "lift_mm_min", "filament_mm",
+     *SPEEDS, "acceleration_mm_s2", "retract_mm_s"],
+)  # fmt: skip
 def test_a_length_that_is_not_above_0_is_named(tmp_path, key, value):
     """Zero, negative, infinite, not a number."""
     assert f"{key} = " in problem(own(tmp_path, **{key: value}))
@@ -402,6 +567,10 @@ def test_a_side_of_the_build_volume_that_is_not_above_0(tmp_path):
     [("bottom_layers", "-1", "0 or more"), ("transition_layers", "-5", "0 or more"), ("lift_mm", "nan", "0 or more"),
      ("light_off_s", "-0.5", "0 or more"), ("lift_mm", "inf", "0 or more"), ("light_pwm", "256", "0 to 255"),
      ("bottom_light_pwm", "-1", "0 to 255"), ("antialias_bits", "0", "1 to 8"), ("antialias_bits", "16", "1 to 8"),
+     ("retract_mm", "-0.1", "0 or more"), ("retract_lift_mm", "-0.1", "0 or more"),
+     ("retract_before_travel_mm", "nan", "0 or more"), ("nozzle_c", "501", "0 to 500"),
+     ("first_layer_nozzle_c", "-1", "0 to 500"), ("bed_c", "200.5", "0 to 200"),
+     ("first_layer_bed_c", "inf", "0 to 200"), ("fan_percent", "101", "0 to 100"), ("fan_percent", "-1", "0 to 100"),
      ("layer_mm", "1" + 400 * "0", "above 0")],
 )  # fmt: skip
 def test_a_number_out_of_its_limits_is_named(tmp_path, key, value, limits):
@@ -434,6 +603,30 @@ def test_values_that_contradict_are_named(tmp_path, changes):
     """An axis that does not exist, a range upside down, a suffix without its dot, a panel of another size."""
     (key,) = changes
     assert key in problem(own(tmp_path, **changes))
+
+
+@pytest.mark.parametrize("key", ["start_gcode", "end_gcode"])
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [("M104 S{temp}", "{temp}"), ("G28\\nM140 S{bed_c}\\nM190 S{BED_C}", "{BED_C}"), ("M104 S{nozzle_c:.0f}",
+     "{nozzle_c:.0f}"), ("M104 S{first_layer_temperature[0]}", "{first_layer_temperature[0]}"), ("{}", "{}"),
+     ("M104 S{ nozzle_c }", "{ nozzle_c }"), ("M104 S{nozzle_c\\nG28", "{nozzle_c"), ("M104 Snozzle_c}", "}"),
+     ("M104 S{{nozzle_c}}", "{"), ("; {if layer_z < 3}", "{if layer_z < 3}")],
+)  # fmt: skip
+def test_another_placeholder_is_named(tmp_path, key, text, found):
+    """Nothing would fill it; those that are filled are listed. Also a brace without its partner."""
+    message = problem(own(tmp_path, **{key: f'"{text}"'}))
+    accepted = "{nozzle_c}, {bed_c}, {first_layer_nozzle_c}, {first_layer_bed_c}"
+    assert message == f"{tmp_path / 'mine.toml'}: {key} has {found}; it may have {accepted}"
+
+
+def test_ones_own_g_code_may_say_anything_else(tmp_path):
+    """All placeholders, also twice; messages, macros, comments; nothing at all."""
+    text = "PRINT_START T={nozzle_c} {nozzle_c}\nM140 S{bed_c} ; [x] (y) %\nM73 P0\nM117 hello\n"
+    text += "M109 S{first_layer_nozzle_c}\nM190 S{first_layer_bed_c}\n"
+    assert all(placeholder in text for placeholder in GCODE_PLACEHOLDERS)
+    printer = load_printer(own(tmp_path, start_gcode=f'"""\n{text}"""', end_gcode='""'))
+    assert (printer.start_gcode, printer.end_gcode) == (text, "")
 
 
 # list, find, show -----------------------------------------------------------------------------------------
@@ -483,6 +676,18 @@ def test_the_description_has_every_known_value(name):
     known = [key for key in KEYS if getattr(printer, key) is not None]
     assert [line.split()[0] for line in lines] == ["name", *(k for k in known if k != "mirror" or printer.pixels)]
     assert max(map(len, lines)) <= 100
+    assert not any(len(line.splitlines()) > 1 for line in lines)
+
+
+def test_g_code_is_described_in_one_line(tmp_path):
+    """Its first line, and how many there are."""
+    said = {line.split()[0]: line for line in description(load_printer("ender-3-0.4"))}
+    assert re.split(" {2,}", said["start_gcode"])[1] == "G21 ; mm … (14 lines)"
+    assert re.split(" {2,}", said["end_gcode"])[1] == "M104 S0 … (10 lines)"
+    for text, shown in (("\n\nG28\n", "G28"), ("G28", "G28"), ("G28\r\nM84", "G28 … (2 lines)"), ("\n", "none")):
+        printer = load_printer(own(tmp_path, start_gcode=json.dumps(text)))
+        (line,) = (line for line in description(printer) if line.startswith("start_gcode"))
+        assert re.split(" {2,}", line)[1] == shown
 
 
 def test_a_description_in_full():
@@ -497,6 +702,10 @@ def test_a_description_in_full():
     said = {line.split()[0]: re.split(" {2,}", line)[1] for line in description(load_printer("ultimaker-s5-0.4"))}
     assert (said["relative_extrusion"], said["max_volumetric_speed_mm3_s"]) == ("no", "8 mm³/s")
     assert said["width_range_mm"] == "0.34 to 0.8 mm"
+    assert (said["top_infill_mm_s"], said["retract_lift_mm"]) == ("26.25 mm/s", "0 mm")
+    assert (said["nozzle_c"], said["fan_percent"]) == ("210 °C", "100 %")
+    said = {line.split()[0]: re.split(" {2,}", line)[1] for line in description(load_printer("prusa-mk3s-0.4"))}
+    assert said["acceleration_mm_s2"] == "1000 mm/s²"
     said = {line.split()[0]: re.split(" {2,}", line)[1] for line in description(load_printer("anycubic-photon-mono"))}
     assert said["transition_layers"] == "0"
 

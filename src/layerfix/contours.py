@@ -201,7 +201,7 @@ def pixel_edges(layer: Layer) -> Rings:
     """The outline of a layer along the edges of its pixels, in px from the frame's upper left corner, y down."""
     import cv2
 
-    image, left, top = _solid_part(layer)
+    image, left, top = solid_part(layer)
     contours, hierarchy = cv2.findContours(image, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=(left, top))
     if not contours:
         return Rings(np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0, np.int64))
@@ -222,8 +222,8 @@ def pixel_edges(layer: Layer) -> Rings:
     return rings.chosen((ahead != behind).any(axis=1))
 
 
-def _solid_part(layer: Layer) -> tuple[NDArray[np.uint8], int, int]:
-    """(the box around the solid as bytes, its left column and top row)."""
+def solid_part(layer: Layer) -> tuple[NDArray[np.uint8], int, int]:
+    """(the box around the solid as (h, w) uint8, its left column, its top row); (0, 0) if it is empty."""
     from layerfix.bits import unpack
     from layerfix.columns import bounding_box
 

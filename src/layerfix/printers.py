@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import sys
 import tomllib
 from collections.abc import Iterable, Sequence
@@ -18,6 +19,7 @@ from layerfix.units import format_mm
 PROCESSES = ("resin", "fdm", "powder")
 MIRRORS = ("", "x", "y", "xy")
 GCODE_FLAVORS = ("marlin", "marlin2", "klipper", "reprap")
+GCODE_PLACEHOLDERS = ("{nozzle_c}", "{bed_c}", "{first_layer_nozzle_c}", "{first_layer_bed_c}")
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,26 @@ KEYS: dict[str, Key] = {
     "max_volumetric_speed_mm3_s": Key(float, 1, None, "mm³/s",  "most it can melt"),
     "gcode_flavor":               Key(str,   1, None, "",       "dialect of its G-code", GCODE_FLAVORS),
     "relative_extrusion":         Key(bool,  1, None, "",       "E counts from the last move (M83)"),
+    "external_perimeter_mm_s":    Key(float, 1, None, "mm/s",   "speed of the outer walls"),
+    "perimeter_mm_s":             Key(float, 1, None, "mm/s",   "of the walls inside them"),
+    "infill_mm_s":                Key(float, 1, None, "mm/s",   "of sparse infill"),
+    "solid_infill_mm_s":          Key(float, 1, None, "mm/s",   "of solid infill"),
+    "top_infill_mm_s":            Key(float, 1, None, "mm/s",   "of the solid infill that shows on top"),
+    "gap_fill_mm_s":              Key(float, 1, None, "mm/s",   "of beads that fill gaps between walls"),
+    "first_layer_mm_s":           Key(float, 1, None, "mm/s",   "of all beads of the first layer"),
+    "travel_mm_s":                Key(float, 1, None, "mm/s",   "of moves that print nothing"),
+    "acceleration_mm_s2":         Key(float, 1, None, "mm/s²",  "usual acceleration"),
+    "retract_mm":                 Key(float, 1, 0,    "mm",     "filament drawn back before a travel"),
+    "retract_mm_s":               Key(float, 1, None, "mm/s",   "its speed"),
+    "retract_lift_mm":            Key(float, 1, 0,    "mm",     "lift of the nozzle meanwhile"),
+    "retract_before_travel_mm":   Key(float, 1, 0,    "mm",     "shortest travel with a retraction"),
+    "nozzle_c":                   Key(float, 1, 0,    "°C",     "heat of the nozzle", most=500),
+    "first_layer_nozzle_c":       Key(float, 1, 0,    "°C",     "the same for the first layer", most=500),
+    "bed_c":                      Key(float, 1, 0,    "°C",     "heat of the bed", most=200),
+    "first_layer_bed_c":          Key(float, 1, 0,    "°C",     "the same for the first layer", most=200),
+    "fan_percent":                Key(float, 1, 0,    "%",      "part cooling from the second layer on", most=100),
+    "start_gcode":                Key(str,   1, None, "",       "what comes before the first layer"),
+    "end_gcode":                  Key(str,   1, None, "",       "what comes after the last layer"),
 }
 # fmt: on
 _REQUIRED = ("maker", "model", "process", "build_mm", "layer_mm", "layer_range_mm", "min_feature_mm")
@@ -131,6 +153,26 @@ class Printer:
     max_volumetric_speed_mm3_s: float | None = None
     gcode_flavor: str | None = None
     relative_extrusion: bool | None = None
+    external_perimeter_mm_s: float | None = None
+    perimeter_mm_s: float | None = None
+    infill_mm_s: float | None = None
+    solid_infill_mm_s: float | None = None
+    top_infill_mm_s: float | None = None
+    gap_fill_mm_s: float | None = None
+    first_layer_mm_s: float | None = None
+    travel_mm_s: float | None = None
+    acceleration_mm_s2: float | None = None
+    retract_mm: float | None = None
+    retract_mm_s: float | None = None
+    retract_lift_mm: float | None = None
+    retract_before_travel_mm: float | None = None
+    nozzle_c: float | None = None
+    first_layer_nozzle_c: float | None = None
+    bed_c: float | None = None
+    first_layer_bed_c: float | None = None
+    fan_percent: float | None = None
+    start_gcode: str | None = None  # with `GCODE_PLACEHOLDERS` for the temperatures, and no others
+    end_gcode: str | None = None
 
     @property
     def mode(self) -> str:
@@ -213,7 +255,10 @@ def _written(value: Any, between: str = " × ") -> str:
         return between.join(map(_written, value))
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:.7g}" if isinstance(value, float) else str(value) or "none"
+    if isinstance(value, float):
+        return f"{value:.7g}"
+    lines = str(value).strip().splitlines() or ["none"]
+    return lines[0] if len(lines) == 1 else f"{lines[0]} … ({len(lines)} lines)"  # G-code would break the columns
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
@@ -276,6 +321,11 @@ def _check_agreement(path: Path, values: dict[str, Any]) -> None:
         low, high = values.get(key, (0, 0))
         if low > high:
             raise InputError(f"{path}: {key} = [{low}, {high}]; the lowest comes first")
+    for key in ("start_gcode", "end_gcode"):
+        # A brace without its partner too: nothing would fill it, and the printer would get it as it is.
+        for found in re.findall(r"\{[^{}\r\n]*\}?|\}", values.get(key, "")):
+            if found not in GCODE_PLACEHOLDERS:
+                raise InputError(f"{path}: {key} has {found}; it may have {', '.join(GCODE_PLACEHOLDERS)}")
     if values.get("format", ".") and not values.get("format", ".").startswith("."):
         raise InputError(f"{path}: format = '{values['format']}'; it is a suffix such as .sl1")
     for axis, pixels, pitch, size in zip(

@@ -77,6 +77,20 @@ def meso_skeleton_rows(rows: Rows, width: int, radius: tuple[float, float]) -> R
     return out
 
 
+def thinned_rows(rows: Rows, anchor: Rows, width: int, spur_rounds: float) -> Rows:
+    """Packed rows thinned around an anchor of one's own instead of M: (H, words) → (H, words).
+
+    spur_rounds  how many pixels paths are shortened by at their ends
+    """
+    out = np.zeros_like(rows)
+    outer = working_box(rows, disc_half_widths(1.0, 1.0))
+    if outer[1]:
+        columns, fixed = to_columns(rows, outer), to_columns(anchor, outer)
+        thin_anchored(columns, fixed, spur_rounds, np.empty_like(columns))
+        to_rows(columns, outer, width, out)
+    return out
+
+
 def meso_skeleton(image: ArrayLike, radius_px: Radius, *, spurs: str = "paper") -> NDArray[np.bool_]:
     """The meso-skeleton M̂ of one layer (paper, Algorithm 2, anchored).
 

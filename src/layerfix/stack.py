@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from queue import Empty, SimpleQueue
-from threading import Thread
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
@@ -219,11 +219,55 @@ class LayerStack(Sequence[Layer]):
             return
         yield from _in_threads(lambda i: use(make(i)), first_alike, workers)
 
+    def each_with_neighbours(
+        self, use: Callable[[Sequence[Layer], Layer, Sequence[Layer]], Result], *, below: int, above: int
+    ) -> Generator[Result]:
+        """Yield use(layers below, layer, layers above) of every layer in order, nearest neighbours last and first.
+
+        At the ends there are fewer. Every layer is made once; threads, order and memory are as in `each`.
+        """
+        workers = min(self.workers or _cores(), len(self))
+        made = _Remembered(self.make, below + above + 3 * workers + 1)
+
+        def work(i: int) -> Result:
+            first, stop = max(i - below, 0), min(i + above + 1, len(self))
+            around = [made(k) for k in range(first, stop)]
+            return use(around[: i - first], around[i - first], around[i - first + 1 :])
+
+        yield from _in_threads(work, list(range(len(self))), workers)
+
     def volume_mm3(self) -> float:
         """Volume of all layers, each as high as it is."""
         heights = self.z_mm[:, 1] - self.z_mm[:, 0]
         counts = np.fromiter(self.each(Layer.count_px), np.float64, len(self))
         return float(counts @ heights) * self.pixel_mm[0] * self.pixel_mm[1]
+
+
+class _Remembered:
+    """A `make` that keeps the latest layers; a thread that asks for one being made waits for it."""
+
+    def __init__(self, make: Callable[[int], Layer], keep: int) -> None:
+        self._make, self._keep = make, keep
+        self._lock = Lock()
+        self._layers: dict[int, Layer] = {}
+        self._making: dict[int, Lock] = {}
+
+    def __call__(self, index: int) -> Layer:
+        with self._lock:
+            if index in self._layers:
+                return self._layers[index]
+            turn = self._making.setdefault(index, Lock())
+        with turn:
+            with self._lock:
+                if index in self._layers:
+                    return self._layers[index]
+            layer = self._make(index)
+            with self._lock:
+                self._layers[index] = layer
+                self._making.pop(index, None)
+                while len(self._layers) > self._keep:
+                    self._layers.pop(min(self._layers))
+            return layer
 
 
 def _in_threads(work: Callable[[int], Result], order: list[int], workers: int) -> Generator[Result]:

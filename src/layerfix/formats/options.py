@@ -29,9 +29,15 @@ class Hints:
 
 @dataclass(frozen=True)
 class WriteOptions:
-    """How to write: for which printer, over an existing target or not, PNG bits a pixel, and who watches."""
+    """How to write: for which printer, over an existing target or not, PNG bits a pixel, and who watches.
+
+    tolerance_mm  of outlines (`trace_contours`); None is half a pixel
+    ascii         the readable form of a format that has a binary one, too
+    """
 
     printer: Printer | None = None
     force: bool = False
     bits: int = 8
     watch: Watch | None = None
+    tolerance_mm: float | None = None
+    ascii: bool = False
