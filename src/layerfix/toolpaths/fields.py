@@ -9,110 +9,187 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
+from layerfix.bits import ROWS, U0, U1, lowest_bit, popcount
+
 FIELD = types.Array(types.float32, 2, "C", readonly=True)
 MUTABLE_FIELD = types.Array(types.float32, 2, "C")
 MASK = types.Array(types.uint8, 2, "C")
 POINTS = types.Array(types.float64, 2, "C")
 STARTS = types.Array(types.int64, 1, "C")
 INDICES = types.Array(types.int64, 1, "A")
+ROWS_OUT = types.Array(types.uint64, 2, "C")
+INDEX_LIST = types.Array(types.int64, 1, "C")
+NO_LEVEL = np.float32(1e9)  # higher than any distance: where no loop is wanted
 VALUES = types.Array(types.float32, 1, "C")
 
 
-@njit
-def _link(after, starts, count, first, second):  # type: ignore[no-untyped-def]
-    """Note that the level set goes from one pixel edge to another; returns the list of edges, grown."""
-    if count == starts.shape[0]:
-        more = np.empty(2 * count, np.int64)
-        more[:count] = starts
-        starts = more
-    after[first] = second
-    starts[count] = first
-    return starts, count + 1
+@njit(ROWS_OUT(FIELD, types.float32), cache=True, nogil=True)
+def bits_above(field, level):  # type: ignore[no-untyped-def]
+    """Packed rows of the pixels where the field is above a level; the width is a multiple of 64."""
+    height, words = field.shape[0], field.shape[1] // 64
+    out = np.zeros((height, words), np.uint64)
+    for y in range(height):
+        for w in range(words):
+            word = U0
+            line = field[y, 64 * w : 64 * w + 64]
+            for x in range(64):
+                word |= np.uint64(line[x] > level) << np.uint64(x)
+            out[y, w] = word
+    return out
+
+
+@njit(types.Tuple((INDEX_LIST, INDEX_LIST))(ROWS), cache=True, nogil=True)
+def pixels_of(rows):  # type: ignore[no-untyped-def]
+    """(rows, columns) of all set bits."""
+    count = 0
+    for y in range(rows.shape[0]):
+        for w in range(rows.shape[1]):
+            if rows[y, w] != U0:
+                count += popcount(rows[y, w])
+    ys, xs = np.empty(count, np.int64), np.empty(count, np.int64)
+    n = 0
+    for y in range(rows.shape[0]):
+        for w in range(rows.shape[1]):
+            word = rows[y, w]
+            while word != U0:
+                ys[n], xs[n] = y, w * 64 + lowest_bit(word)
+                word &= word - U1
+                n += 1
+    return ys, xs
 
 
 @njit
-def _crossings(field, after):  # type: ignore[no-untyped-def]
-    """Marching squares: for each pixel edge the level set enters a cell by, the edge it leaves by.
+def _more_room(pairs):  # type: ignore[no-untyped-def]
+    wider = np.empty((2 * pairs.shape[0], 2), np.int64)
+    wider[: pairs.shape[0]] = pairs
+    return wider
+
+
+@njit
+def _crossings(field, shift):  # type: ignore[no-untyped-def]
+    """Marching squares: (n, 2) pixel edges by which the level set enters a cell, and by which it leaves it.
 
     Edge 2 (y W + x) lies between pixel (y, x) and the one to its right, the next number below it. What is above 0
     lies to the left of the way. Saddles join what is above 0 if their middle is.
     """
     height, width = field.shape
-    starts, count = np.empty(4096, np.int64), 0
+    pairs, n = np.empty((4096, 2), np.int64), 0
     for y in range(height - 1):
-        nw, sw = field[y, 0] > 0, field[y + 1, 0] > 0
+        upper, lower, shift_upper, shift_lower = field[y], field[y + 1], shift[y], shift[y + 1]
+        nw, sw = upper[0] > shift_upper[0], lower[0] > shift_lower[0]
         for x in range(width - 1):
-            ne, se = field[y, x + 1] > 0, field[y + 1, x + 1] > 0
+            ne, se = upper[x + 1] > shift_upper[x + 1], lower[x + 1] > shift_lower[x + 1]
             case = nw | (ne << 1) | (se << 2) | (sw << 3)
             nw, sw = ne, se
             if case == 0 or case == 15:
                 continue
+            if n + 2 > pairs.shape[0]:
+                pairs = _more_room(pairs)
             top = 2 * (y * width + x)
             left, bottom, right = top + 1, top + 2 * width, top + 3
             if case == 5 or case == 10:
-                middle = field[y, x] + field[y, x + 1] + field[y + 1, x] + field[y + 1, x + 1] > 0
-                if case == 5 and middle:
-                    starts, count = _link(after, starts, count, left, bottom)
-                    starts, count = _link(after, starts, count, right, top)
-                elif case == 5:
-                    starts, count = _link(after, starts, count, left, top)
-                    starts, count = _link(after, starts, count, right, bottom)
-                elif middle:
-                    starts, count = _link(after, starts, count, top, left)
-                    starts, count = _link(after, starts, count, bottom, right)
+                middle = upper[x] + upper[x + 1] + lower[x] + lower[x + 1]
+                joined = middle > shift_upper[x] + shift_upper[x + 1] + shift_lower[x] + shift_lower[x + 1]
+                if case == 5:
+                    pairs[n, 0], pairs[n, 1] = left, bottom if joined else top
+                    pairs[n + 1, 0], pairs[n + 1, 1] = right, top if joined else bottom
                 else:
-                    starts, count = _link(after, starts, count, top, right)
-                    starts, count = _link(after, starts, count, bottom, left)
+                    pairs[n, 0], pairs[n, 1] = top, left if joined else right
+                    pairs[n + 1, 0], pairs[n + 1, 1] = bottom, right if joined else left
+                n += 2
                 continue
             if case == 1 or case == 3 or case == 7:
-                first = left
+                pairs[n, 0] = left
             elif case == 2 or case == 6 or case == 14:
-                first = top
+                pairs[n, 0] = top
             elif case == 4 or case == 12 or case == 13:
-                first = right
+                pairs[n, 0] = right
             else:
-                first = bottom
+                pairs[n, 0] = bottom
             if case == 1 or case == 9 or case == 13:
-                second = top
+                pairs[n, 1] = top
             elif case == 2 or case == 3 or case == 11:
-                second = right
+                pairs[n, 1] = right
             elif case == 4 or case == 6 or case == 7:
-                second = bottom
+                pairs[n, 1] = bottom
             else:
-                second = left
-            starts, count = _link(after, starts, count, first, second)
-    return starts[:count]
+                pairs[n, 1] = left
+            n += 1
+    return pairs[:n]
 
 
 @njit(types.Tuple((POINTS, STARTS))(FIELD, FIELD), cache=True, nogil=True)
-def level_loops(field, values):  # type: ignore[no-untyped-def]
-    """Where `field` is 0, as closed loops round what is above 0: (n, 3) x, y and `values` there, and the starts
-    of the loops in it. Seen with y down, what is above 0 lies to the left of the way."""
-    height, width = field.shape
-    after = np.full(2 * height * width, np.int32(-1), np.int32)
-    edges = _crossings(field, after)
-    points, starts = np.empty((edges.shape[0], 3)), np.zeros(edges.shape[0] + 1, np.int64)
+def level_loops(field, level):  # type: ignore[no-untyped-def]
+    """Where a field is as high as `level`, itself a field, as closed loops round what is higher: (n, 3) x, y and the
+    level there, and the starts of the loops in it. Seen with y down, what is higher lies to the left of the way."""
+    width = field.shape[1]
+    pairs = _crossings(field, level)
+    count = pairs.shape[0]
+    order = np.argsort(pairs[:, 0])
+    entered = pairs[order, 0]
+    following = np.searchsorted(entered, pairs[order, 1])
+    points, starts = np.empty((count, 3)), np.zeros(count + 1, np.int64)
     n, loops = 0, 0
-    for first in edges:
-        edge = np.int64(first)
-        if after[edge] < 0:
+    for first in range(count):
+        k = first
+        if following[k] < 0:
             continue
-        while after[edge] >= 0:
-            pixel = edge >> 1
+        while following[k] >= 0:
+            pixel = entered[k] >> 1
             y, x = pixel // width, pixel % width
-            y2, x2 = (y + 1, x) if edge & 1 else (y, x + 1)
-            a, b = field[y, x], field[y2, x2]
+            y2, x2 = (y + 1, x) if entered[k] & 1 else (y, x + 1)
+            a, b = field[y, x] - level[y, x], field[y2, x2] - level[y2, x2]
             t = a / (a - b)
             points[n, 0] = x + t * (x2 - x)
             points[n, 1] = y + t * (y2 - y)
-            points[n, 2] = values[y, x] + t * (values[y2, x2] - values[y, x])
+            low, high = level[y, x], level[y2, x2]  # a level no field reaches is no width of a bead
+            points[n, 2] = min(low, high) if max(low, high) > NO_LEVEL / 2 else low + t * (high - low)
             n += 1
-            following = np.int64(after[edge])
-            after[edge] = np.int32(-1)
-            edge = following
+            onwards = following[k]
+            following[k] = -1
+            k = onwards
         loops += 1
         starts[loops] = n
     return points[:n], starts[: loops + 1].copy()
+
+
+@njit(
+    types.void(MUTABLE_FIELD, FIELD, ROWS, types.float32, types.float32, types.float32, types.float32),
+    cache=True,
+    nogil=True,
+)
+def half_spacings(half, local, thick, usual, one, two, elsewhere):  # type: ignore[no-untyped-def]
+    """half = half the spacing of the ring's bead: `elsewhere` where it is thick or nothing is known; where the
+    thickness `local` is under `one` no loop fits; up to `two` it holds two beads, else three."""
+    for y in range(half.shape[0]):
+        for x in range(half.shape[1]):
+            value = local[y, x]
+            if value == 0 or (thick[y, x >> 6] >> np.uint64(x & 63)) & U1:
+                half[y, x] = elsewhere
+            elif value < one:
+                half[y, x] = NO_LEVEL
+            else:
+                half[y, x] = value / 4 if value <= two else value / 6
+
+
+@njit(types.void(MUTABLE_FIELD, FIELD, ROWS), cache=True, nogil=True)
+def take_off(remaining, half, keep):  # type: ignore[no-untyped-def]
+    """remaining -= 2 · half, but for the pixels of `keep` (packed)."""
+    for y in range(half.shape[0]):
+        for x in range(half.shape[1]):
+            if not (keep[y, x >> 6] >> np.uint64(x & 63)) & U1:
+                remaining[y, x] -= 2 * half[y, x]
+
+
+@njit(MUTABLE_FIELD(FIELD, ROWS, types.float32), cache=True, nogil=True)
+def field_within(field, where, level):  # type: ignore[no-untyped-def]
+    """The field less `level` on the pixels of `where` (packed), -1 elsewhere."""
+    out = np.empty(field.shape, np.float32)
+    for y in range(field.shape[0]):
+        for x in range(field.shape[1]):
+            inside = (where[y, x >> 6] >> np.uint64(x & 63)) & U1
+            out[y, x] = field[y, x] - level if inside else np.float32(-1)
+    return out
 
 
 @njit(types.void(MUTABLE_FIELD, INDICES, INDICES, VALUES, VALUES), cache=True, nogil=True)
@@ -127,6 +204,28 @@ def paint_balls(field, rows, columns, radii_px, values):  # type: ignore[no-unty
             for x in range(max(columns[k] - half, 0), min(columns[k] + half + 1, width)):
                 if field[y, x] < values[k]:
                     field[y, x] = values[k]
+
+
+@njit(VALUES(FIELD, ROWS, INDEX_LIST, INDEX_LIST, types.float32), cache=True, nogil=True)
+def thickness_mm(remaining, skeleton, rows, columns, pixel_mm):  # type: ignore[no-untyped-def]
+    """(n,) thickness at pixels of the skeleton (packed), from the distance to the edge.
+
+    Twice the distance, but where the middle lies between two pixels: then the two distances and the step between
+    them. Only neighbours off the skeleton can be across, those on it are along.
+    """
+    out = np.empty(rows.shape[0], np.float32)
+    for k in range(rows.shape[0]):
+        y, x = rows[k], columns[k]
+        here = remaining[y, x]
+        best = 2 * here
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                beside = remaining[y + dy, x + dx]
+                on_it = (skeleton[y + dy, (x + dx) >> 6] >> np.uint64((x + dx) & 63)) & U1
+                if beside > 0 and not on_it:
+                    best = max(best, here + beside + np.float32(np.sqrt(dx * dx + dy * dy)) * pixel_mm)
+        out[k] = best
+    return out
 
 
 @njit
@@ -161,52 +260,50 @@ def _follow(mask, y, x, y2, x2, points, n):  # type: ignore[no-untyped-def]
         y, x, y2, x2 = y2, x2, next_y, next_x
 
 
-@njit(types.Tuple((POINTS, STARTS))(MASK), cache=True, nogil=True)
-def trace_lines(mask):  # type: ignore[no-untyped-def]
+@njit(types.Tuple((POINTS, STARTS))(MASK, INDEX_LIST, INDEX_LIST), cache=True, nogil=True)
+def trace_lines(mask, rows, columns):  # type: ignore[no-untyped-def]
     """One-pixel lines as chains of pixels between ends and junctions: (n, 2) x, y and the starts of the chains.
 
-    A lone pixel is a chain of one; a ring ends where it begins. mask: (H, W) uint8, 1 on the lines, 0 on the
-    border; it is written to.
+    A lone pixel is a chain of one; a ring ends where it begins. mask: (H, W) uint8, 0 everywhere; it is written to.
+    rows, columns: the pixels of the lines.
     """
-    height, width = mask.shape
-    solid = 0
-    for y in range(height):
-        for x in range(width):
-            solid += mask[y, x]
+    solid = rows.shape[0]
+    for k in range(solid):
+        mask[rows[k], columns[k]] = 1
     points, starts = np.empty((9 * solid + 2, 2)), np.zeros(4 * solid + 2, np.int64)
     n, chains = 0, 0
     for rings in range(2):  # first from ends and junctions; what is left then are rings
-        for y in range(1, height - 1):
-            for x in range(1, width - 1):
-                if mask[y, x] != 1:
-                    continue
-                degree = _degree(mask, y, x)
-                if degree == 0 and not rings:
-                    points[n, 0], points[n, 1] = x, y
-                    n += 1
+        for k in range(solid):
+            y, x = rows[k], columns[k]
+            if mask[y, x] != 1:
+                continue
+            degree = _degree(mask, y, x)
+            if degree == 0 and not rings:
+                points[n, 0], points[n, 1] = x, y
+                n += 1
+                chains += 1
+                starts[chains] = n
+            if (degree == 2) != (rings == 1) or degree == 0:
+                continue
+            for dy in range(-1, 2):
+                for dx in range(-1, 2):
+                    if (dy == 0 and dx == 0) or not mask[y + dy, x + dx]:
+                        continue
+                    if rings == 1:
+                        if mask[y, x] != 1:
+                            continue
+                        mask[y, x] = 2
+                        n = _follow(mask, y, x, y + dy, x + dx, points, n)
+                    else:
+                        other = _degree(mask, y + dy, x + dx)
+                        later = dy > 0 or (dy == 0 and dx > 0)
+                        if other == 2 and mask[y + dy, x + dx] == 2:
+                            continue  # walked from its other end
+                        if other != 2 and (not later or (other > 2 and degree > 2)):
+                            continue  # junction pixels side by side are one junction
+                        n = _follow(mask, y, x, y + dy, x + dx, points, n)
                     chains += 1
                     starts[chains] = n
-                if (degree == 2) != (rings == 1) or degree == 0:
-                    continue
-                for dy in range(-1, 2):
-                    for dx in range(-1, 2):
-                        if (dy == 0 and dx == 0) or not mask[y + dy, x + dx]:
-                            continue
-                        if rings == 1:
-                            if mask[y, x] != 1:
-                                continue
-                            mask[y, x] = 2
-                            n = _follow(mask, y, x, y + dy, x + dx, points, n)
-                        else:
-                            other = _degree(mask, y + dy, x + dx)
-                            later = dy > 0 or (dy == 0 and dx > 0)
-                            if other == 2 and mask[y + dy, x + dx] == 2:
-                                continue  # walked from its other end
-                            if other != 2 and (not later or (other > 2 and degree > 2)):
-                                continue  # junction pixels side by side are one junction
-                            n = _follow(mask, y, x, y + dy, x + dx, points, n)
-                        chains += 1
-                        starts[chains] = n
     return points[:n].copy(), starts[: chains + 1].copy()
 
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from layerfix.toolpaths.fields import trace_lines
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -19,20 +21,21 @@ SMOOTH_PX = 5  # pixels over which place and width are averaged along a chain
 
 
 def bead_lines(
-    points: Floats, starts: NDArray[np.int64], thickness: Field, remaining: Field, pixel_mm: float
+    rows: NDArray[np.int64], columns: NDArray[np.int64], thickness: Field, remaining: Field, pixel_mm: float
 ) -> list[Floats]:
-    """(n, 3) x, y in px and spacing in mm of one bead each, from the chains of `fields.trace_lines`.
+    """(n, 3) x, y in px and spacing in mm of one bead each, from the pixels of skeletal lines.
 
-    thickness  (H, W) mm on the lines, 0 elsewhere
+    thickness  (n,) mm there
     remaining  (H, W) mm to the edge
     """
-    chains = [points[a:b] for a, b in pairwise(starts)]
-    chains, open_ends = _joined(chains)
+    if not len(rows):
+        return []
+    points, starts = trace_lines(np.zeros(remaining.shape, np.uint8), rows, columns)
+    chains, open_ends = _joined([points[a:b] for a, b in pairwise(starts)])
+    known = dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), thickness.tolist(), strict=True))
     beads = []
     for chain, ends in zip(chains, open_ends, strict=True):
-        at = chain.astype(np.int64)
-        spacing = thickness[at[:, 1], at[:, 0]].astype(np.float64)
-        spacing[spacing == 0] = spacing.max()
+        spacing = np.array([known[int(x), int(y)] for x, y in chain])
         if len(chain) == 1:
             beads.append(_dot(chain[0], float(spacing[0]), pixel_mm))
             continue

@@ -23,12 +23,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.bits import pack, unpack
-from layerfix.contours import solid_part
+from layerfix.bits import unpack
+from layerfix.columns import bounding_box
 from layerfix.morphology import dilate, opened
 from layerfix.skeleton import thinned_rows
 from layerfix.toolpaths.beads import EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
-from layerfix.toolpaths.fields import level_loops, needed_points, paint_balls, trace_lines
+from layerfix.toolpaths.fields import (
+    NO_LEVEL,
+    bits_above,
+    field_within,
+    half_spacings,
+    level_loops,
+    needed_points,
+    paint_balls,
+    pixels_of,
+    take_off,
+    thickness_mm,
+)
 from layerfix.toolpaths.infill import rectilinear
 from layerfix.toolpaths.lines import bead_lines
 
@@ -37,17 +48,16 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from layerfix.bits import Rows
     from layerfix.stack import Layer
     from layerfix.toolpaths.settings import PathSettings
 
     Field = NDArray[np.float32]
-    Mask = NDArray[np.bool_]
     Floats = NDArray[np.float64]
 
 TOLERANCE_PX = 0.25  # of simplification, in place and in width: 12 µm on the usual raster of an eighth of a nozzle
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
 LEAST_GAP = 0.7  # of the narrowest spacing: what is thinner is left open
-THICK = np.float32(1e9)
 
 
 @dataclass(frozen=True)
@@ -72,13 +82,12 @@ class Beads:
 
 @dataclass(frozen=True)
 class Ring:
-    """What one round of planning found: loops (n, 3) and chains (n, 3) of x, y, spacing in px and mm, where beads of
-    the usual width go on, and the half spacings to take off."""
+    """What one round of planning found: loops and chains (n, 3) of x, y in px and spacing in mm, and packed, where
+    it is thick."""
 
     loops: list[Floats]
     chains: list[Floats]
-    thick: Mask
-    half: Field
+    thick: Rows
 
 
 def plan_layer(
@@ -95,19 +104,21 @@ def plan_layer(
     """The paths of a layer, in no order; `below` and `above` are its nearest neighbours (`each_with_neighbours`)."""
     import cv2
 
-    image, left, top = solid_part(layer)
-    if not image.size:
+    box = bounding_box(layer.rows)
+    if not box[1]:
         return []
-    image = np.pad(image, 1)
-    layer_mm = layer.z_mm[1] - layer.z_mm[0]
-    extra = overlap_mm(layer_mm)
+    extra = overlap_mm(layer.z_mm[1] - layer.z_mm[0])
     low, high = settings.range_mm
     beads = Beads(width_mm - extra, low - extra, high - extra, extra)
-    distance = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    remaining = (distance - np.float32(0.5)) * np.float32(pixel_mm) - np.float32(extra / 2)
+    image = unpack(bordered(layer.rows, box), 64 * (box[3] - box[2] + 2)).view(np.uint8)
+    remaining = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    remaining -= np.float32(0.5)
+    remaining *= np.float32(pixel_mm)
+    remaining -= np.float32(extra / 2)
+
+    corner = np.array([64 * (box[2] - 1) + 0.5, box[0] - 0.5])  # the middle of pixel (0, 0) of the bordered box
 
     def in_mm(points: Floats) -> Floats:
-        corner = np.array([left - 0.5, top - 0.5])  # the padding moves pixel (0, 0) to (1, 1)
         scaled: Floats = (points + corner) * np.array([pixel_mm, -pixel_mm]) + np.array(origin_mm)
         return scaled
 
@@ -115,126 +126,100 @@ def plan_layer(
 
     def add(points: Floats, kind: str) -> None:
         """A polyline of x, y in px and spacing in mm, simplified."""
-        flat = points * np.array([1, 1, 1 / pixel_mm])
-        kept = points[needed_points(np.ascontiguousarray(flat), TOLERANCE_PX)]
+        kept = points[needed_points(points * np.array([1, 1, 1 / pixel_mm]), TOLERANCE_PX)]
         widths = np.round((kept[1:, 2] + kept[:-1, 2]) / 2 + extra, 2)
         paths.append(Path(in_mm(kept[:, :2]), np.clip(widths, low, high), kind))
 
+    half = np.empty_like(remaining)
     for level in range(settings.perimeters):
-        ring = plan_ring(remaining, beads, pixel_mm, loops=True, feature=level == 0)
-        for loop in ring.loops:
-            add(loop, EXTERNAL if level == 0 else PERIMETER)
-        for chain in ring.chains:
-            add(chain, EXTERNAL if level == 0 else GAP_FILL)
-        remaining = remaining - 2 * ring.half
-    body = np.zeros(remaining.shape, np.bool_)
+        ring = plan_ring(remaining, half, beads, pixel_mm, loops=True, feature=level == 0)
+        for line in ring.loops:
+            add(line, EXTERNAL if level == 0 else PERIMETER)
+        for line in ring.chains:
+            add(line, EXTERNAL if level == 0 else GAP_FILL)
+        take_off(remaining, half, np.zeros_like(ring.thick))
+    body = np.zeros_like(ring.thick)
     for _ in range(2):  # three beads in a thin place are two rounds
-        ring = plan_ring(remaining, beads, pixel_mm, loops=False, feature=False)
+        ring = plan_ring(remaining, half, beads, pixel_mm, loops=False, feature=False)
         for line in ring.loops + ring.chains:
             add(line, GAP_FILL)
         body |= ring.thick
         if not ring.loops:
             break
-        remaining = np.where(ring.thick, remaining, remaining - 2 * ring.half)
+        take_off(remaining, half, body)
     if not body.any():
         return paths
-    solid, bare = _open_parts(below, layer, above, settings, beads.usual / pixel_mm, (left, top), image.shape)
-    field = np.where(body, remaining - np.float32((0.5 - INFILL_OVERLAP) * beads.usual), np.float32(-1))
+    solid, bare = _open_parts(below, layer, above, settings, beads.usual / pixel_mm)
     if settings.density > 1 - 1e-9:
-        solid = np.ones_like(solid)
+        solid = layer.rows
+    solid, bare = bordered(solid, box), bordered(bare, box)
     turn = math.pi / 4 if index % 2 else -math.pi / 4
-    regions = [(solid & ~bare, SOLID, 1.0), (solid & bare, TOP, 1.0), (~solid, SPARSE, settings.density)]
+    regions = ((solid & ~bare, SOLID, 1.0), (solid & bare, TOP, 1.0), (~solid, SPARSE, settings.density))
     for where, kind, density in regions:
         if density > 0 and (where & body).any():
-            chosen = np.where(where, field, np.float32(-1))
-            least = -0.3 * beads.usual
-            for points in rectilinear(chosen, turn, beads.usual / density / pixel_mm, least):
-                spaced = np.column_stack([points, np.full(len(points), beads.usual)])
-                if np.hypot(*np.diff(points, axis=0).T).sum() * pixel_mm > width_mm / 2:
-                    add(spaced, kind)
+            field = field_within(remaining, where & body, np.float32((0.5 - INFILL_OVERLAP) * beads.usual))
+            for points in rectilinear(field, turn, beads.usual / density / pixel_mm, -0.3 * beads.usual):
+                if _length(points) * pixel_mm > width_mm / 2:
+                    add(np.column_stack([points, np.full(len(points), beads.usual)]), kind)
     return paths
 
 
-def plan_ring(remaining: Field, beads: Beads, pixel_mm: float, *, loops: bool, feature: bool) -> Ring:
-    """One round (see the module). loops: False leaves thick parts to infill; feature: nothing is too thin to lay."""
-    shape = remaining.shape
-    half = np.full(shape, np.float32(beads.usual / 2 if loops else THICK), np.float32)
-    region = remaining > 0
+def bordered(rows: Rows, box: tuple[int, int, int, int]) -> Rows:
+    """What of packed rows lies in a box of rows and words, with an empty row and word on each side."""
+    y0, y1, w0, w1 = box
+    return np.pad(rows[y0:y1, w0:w1], 1)
+
+
+def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, loops: bool, feature: bool) -> Ring:
+    """One round (see the module); `half` is written. loops: False leaves thick parts to infill; feature: nothing is
+    too thin to lay."""
+    usual = np.float32(beads.usual / 2) if loops else NO_LEVEL
+    region = bits_above(remaining, np.float32(0))
     if not region.any():
-        return Ring([], [], np.zeros(shape, np.bool_), half)
-    width, limit = shape[1], beads.thick
-    anchor = pack(remaining >= limit / 2)
-    skeleton = thinned_rows(pack(region), anchor, width, limit / 2 / pixel_mm)
-    lines = unpack(skeleton & ~anchor, width)
-    radius_px = limit / 2 / pixel_mm
-    thick = unpack(dilate(anchor, width, (radius_px, radius_px)), width) & region
+        half[:] = usual
+        return Ring([], [], region)
+    width, radius_px = remaining.shape[1], beads.thick / 2 / pixel_mm
+    anchor = bits_above(remaining, np.float32(beads.thick / 2))
+    skeleton = thinned_rows(region, anchor, width, radius_px)
+    thick = dilate(anchor, width, (radius_px, radius_px)) & region
+    local = np.zeros_like(remaining)
     chains: list[Floats] = []
-    rows, columns = np.nonzero(lines)
-    if len(rows):
-        thickness = _thickness(remaining, unpack(skeleton, width), rows, columns, pixel_mm)
-        local = np.zeros(shape, np.float32)
-        paint_balls(local, rows, columns, thickness / 2 / np.float32(pixel_mm), thickness)
-        thin = (local > 0) & ~thick
-        several = np.where(local[thin] <= 2 * beads.widest, local[thin] / 4, local[thin] / 6)
-        half[thin] = np.where(local[thin] < beads.one, THICK, several)
-        single = np.zeros(shape, np.float32)
-        chosen = thickness < beads.one
-        if not feature:
-            chosen &= thickness >= LEAST_GAP * beads.narrowest
-        single[rows[chosen], columns[chosen]] = thickness[chosen]
-        inside = remaining > half
+    rows, columns = pixels_of(skeleton & ~anchor)
+    thickness = thickness_mm(remaining, skeleton, rows, columns, np.float32(pixel_mm))
+    paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
+    half_spacings(half, local, thick, usual, np.float32(beads.one), np.float32(2 * beads.widest), usual)
+    points, starts = level_loops(remaining, half)
+    chosen = thickness < beads.one
+    if not feature:
+        chosen &= thickness >= LEAST_GAP * beads.narrowest
+    if chosen.any():
         reach = beads.usual / 2 / pixel_mm
-        covered = unpack(dilate(pack(inside), width, (reach, reach)), width) if inside.any() else inside
-        single[covered] = 0
-        if single.any():
-            points, starts = trace_lines((single > 0).astype(np.uint8))
-            chains = bead_lines(points, starts, single, remaining, pixel_mm)
-    points, starts = level_loops(remaining - half, np.minimum(2 * half, np.float32(4 * beads.widest)))
+        covered = unpack(dilate(bits_above(remaining - half, np.float32(0)), width, (reach, reach)), width)
+        chosen &= ~covered[rows, columns]
+        chains = bead_lines(rows[chosen], columns[chosen], thickness[chosen], remaining, pixel_mm)
+    points[:, 2] *= 2
     found = [
         np.concatenate([points[a:b], points[a : a + 1]])
         for a, b in pairwise(starts)
         if _length(points[a:b]) * pixel_mm > 0.6 * beads.narrowest
     ]
-    return Ring(found, chains, thick, half)
+    return Ring(found, chains, thick)
 
 
 def _length(points: Floats) -> float:
     return float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum())
 
 
-def _thickness(
-    remaining: Field, skeleton: Mask, rows: NDArray[np.int64], columns: NDArray[np.int64], pixel_mm: float
-) -> Field:
-    """(n,) thickness in mm at pixels of the skeleton.
-
-    Twice the distance to the edge, but where the middle lies between two pixels: then the two distances and the step
-    between them. Only neighbours off the skeleton can be across, those on it are along.
-    """
-    here = remaining[rows, columns]
-    best = 2 * here
-    for dy in (-1, 0, 1):
-        for dx in (-1, 0, 1):
-            beside = np.where(skeleton[rows + dy, columns + dx], np.float32(-1), remaining[rows + dy, columns + dx])
-            np.maximum(best, here + beside + np.float32(math.hypot(dx, dy) * pixel_mm), out=best, where=beside > 0)
-    return best
-
-
 def _open_parts(
-    below: Sequence[Layer],
-    layer: Layer,
-    above: Sequence[Layer],
-    settings: PathSettings,
-    bead_px: float,
-    corner: tuple[int, int],
-    shape: tuple[int, ...],
-) -> tuple[Mask, Mask]:
-    """(where the infill is solid, where it is seen from above) on the padded crop of the layer.
+    below: Sequence[Layer], layer: Layer, above: Sequence[Layer], settings: PathSettings, bead_px: float
+) -> tuple[Rows, Rows]:
+    """(where the infill is solid, where it is seen from above), packed.
 
     Solid is what is not solid in all of the next top_layers above or bottom_layers below. Slivers narrower than a
     bead are left out, and what is left reaches a bead further, to hold on to something.
     """
 
-    def uncovered(neighbours: Sequence[Layer], wanted: int) -> NDArray[np.uint64]:
+    def uncovered(neighbours: Sequence[Layer], wanted: int) -> Rows:
         if len(neighbours) < wanted:
             return layer.rows
         covered = layer.rows
@@ -242,17 +227,15 @@ def _open_parts(
             covered = covered & other.rows
         return layer.rows & ~covered
 
-    def crop(rows: NDArray[np.uint64]) -> Mask:
-        left, top = corner
-        whole = unpack(rows, layer.width)
-        part = whole[top : top + shape[0] - 2, left : left + shape[1] - 2]
-        return np.pad(part, 1)
-
+    lower = below[len(below) - settings.bottom_layers :] if settings.bottom_layers else ()
     roof = uncovered(above[:1], 1) if settings.top_layers else np.zeros_like(layer.rows)
-    rows = uncovered(above[: settings.top_layers], settings.top_layers) | uncovered(
-        below[len(below) - settings.bottom_layers :] if settings.bottom_layers else (), settings.bottom_layers
+    open_rows = uncovered(above[: settings.top_layers], settings.top_layers) | uncovered(
+        lower, settings.bottom_layers
     )
-    if not np.array_equal(rows, layer.rows):
-        rows = dilate(opened(rows, layer.width, (bead_px / 2, bead_px / 2)), layer.width, (bead_px, bead_px))
-        roof = opened(roof, layer.width, (bead_px, bead_px))
-    return crop(rows), crop(roof)
+    if np.array_equal(open_rows, layer.rows):
+        return open_rows, roof
+    sliver, reach = (bead_px / 2, bead_px / 2), (bead_px, bead_px)
+    return (
+        dilate(opened(open_rows, layer.width, sliver), layer.width, reach),
+        opened(roof, layer.width, reach),
+    )
