@@ -19,7 +19,7 @@ LEVELS = {
     1: ("stack", "printers", "files"),
     2: ("flood", "threemf", "mesh", "winding", "slicing", "columns", "morphology", "thinning", "thickness"),
     3: ("skeleton", "correction"),
-    4: ("greys", "pictures", "samples", "contours", "slabs"),
+    4: ("greys", "pictures", "samples", "contours", "slabs", "toolpaths", "speeds"),
     5: ("formats",),
     6: ("job", "demo"),
     7: ("cli", "__main__"),

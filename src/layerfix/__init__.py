@@ -24,6 +24,9 @@ _HOME = {
     "correct_image": "correction",
     "Contours": "contours",
     "trace_contours": "contours",
+    "plan_toolpaths": "toolpaths.planner",
+    "settings_for": "toolpaths.settings",
+    "PathSettings": "toolpaths.settings",
     "read": "formats",
     "write": "formats",
 }
@@ -33,6 +36,7 @@ __all__ = [
     "LayerStack",
     "LayerfixError",
     "Mesh",
+    "PathSettings",
     "Printer",
     "correct",
     "correct_image",
@@ -40,7 +44,9 @@ __all__ = [
     "load_printer",
     "meso_skeleton",
     "pack",
+    "plan_toolpaths",
     "read",
+    "settings_for",
     "slice_mesh",
     "trace_contours",
     "unpack",
@@ -58,6 +64,8 @@ if TYPE_CHECKING:
     from layerfix.skeleton import meso_skeleton
     from layerfix.slicing import slice_mesh
     from layerfix.stack import Layer, LayerStack
+    from layerfix.toolpaths.planner import plan_toolpaths
+    from layerfix.toolpaths.settings import PathSettings, settings_for
 
 
 def __getattr__(name: str) -> Any:

@@ -44,6 +44,38 @@ class Pitch(click.ParamType[tuple[float, float]]):
         return sizes[0], sizes[-1]
 
 
+class Range(click.ParamType[tuple[int, int]]):
+    """Layers, counted from 0: ``12`` is one, ``10:20`` are ten."""
+
+    name = "range"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        first, colon, stop = str(value).partition(":")
+        try:
+            found = int(first or 0), (int(stop) if stop else 1 << 30) if colon else int(first) + 1
+        except ValueError:
+            self.fail(f"'{value}' is not a range of layers: write 12, or 10:20", param, ctx)
+        if not 0 <= found[0] < found[1]:
+            self.fail(f"'{value}' holds no layer: they are counted from 0, and 10:20 ends before 20", param, ctx)
+        return found
+
+
+class Percent(click.ParamType[float]):
+    """``20%`` or ``0.2``, as 0.2."""
+
+    name = "percent"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        text = str(value).strip()
+        try:
+            share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+        except ValueError:
+            self.fail(f"'{value}' is not a share: write 20%, or 0.2", param, ctx)
+        if not 0 <= share <= 1:
+            self.fail(f"'{value}' is not between 0 % and 100 %: write 20%, or 0.2", param, ctx)
+        return share
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="layerfix")
 def layerfix() -> None:
@@ -99,6 +131,19 @@ def layerfix() -> None:
     show_default=True,
     help="Grey value from which a stroke is a feature that nowhere reaches the threshold; 0: never.",
 )
+@click.option("--layers", type=Range(), help="Only these layers, counted from 0: 12, or 10:20.")
+@click.option(
+    "--tolerance",
+    "tolerance_mm",
+    type=Length(),
+    help="How far simplification may move outlines and meshes. [default: half a pixel]",
+)
+@click.option("--ascii", is_flag=True, help="Text instead of binary, for .cli.")
+@click.option("--width", "width_mm", type=Length(), help="G-code: extrusion width. [default: the printer's]")
+@click.option("--perimeters", type=click.IntRange(1), help="G-code: loops along the outline. [default: 2]")
+@click.option("--infill", "density", type=Percent(), help="G-code: density of the sparse infill. [default: 20%]")
+@click.option("--seam", type=click.Choice(["nearest", "rear", "random"]), help="G-code: where loops start.")
+@click.option("--skirt", "skirt_loops", type=click.IntRange(0), help="G-code: loops round the part. [default: 1]")
 @click.option(
     "--picture", type=click.Path(path_type=Path), help="Also draw the most changed layer, before and after."
 )
@@ -109,11 +154,14 @@ def fix(source: Path, target: Path, as_json: bool, **given: Any) -> None:
     """Correct IN and write the layers to OUT.
 
     IN is a mesh (.stl .obj .ply .off .3mf .glb), a resin job (.sl1 .sl1s .m1 .goo .ctb .photon .cbddlp
-    .nanodlp .cws, Chitubox .zip), or a folder or zip of PNG images. OUT is a job of the same kind as IN, a new
-    .sl1, .sl1s or .goo, or a folder (no suffix) or .zip of PNG images.
+    .nanodlp .cws, Chitubox .zip), or a folder or zip of PNG images. OUT is a job of the same kind as IN; a new
+    .sl1, .sl1s or .goo; a folder (no suffix) or .zip of PNG images; .gcode; a .3mf or .stl mesh of the corrected
+    layers for any slicer; or their outlines as .svg, .geojson or .cli (Common Layer Interface).
 
     \b
     Examples:
+      layerfix fix part.stl part.gcode -p prusa-mk3s-0.4
+      layerfix fix part.stl fixed.3mf -p prusa-mk3s-0.4
       layerfix fix part.stl layers -p prusa-sl1s
       layerfix fix part.3mf layers.zip --pixel 50um --layer 0.05mm --min-feature 0.4mm
       layerfix fix job.sl1 fixed.sl1 --min-feature 0.15mm

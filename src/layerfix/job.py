@@ -15,12 +15,14 @@ from layerfix.formats import format_for, read, write, writer_for
 from layerfix.mesh import SUFFIXES, load_mesh
 from layerfix.pictures import before_after
 from layerfix.slicing import slice_mesh
+from layerfix.toolpaths import settings_for
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
     from layerfix.mesh import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
+    from layerfix.toolpaths import PathSettings
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,23 @@ class Options:
     threshold: int = 128
     grey_floor: int = 32
     picture: Path | None = None
+    tolerance_mm: float | None = None
+    ascii: bool = False
+    layers: tuple[int, int] | None = None
+    width_mm: float | None = None
+    perimeters: int | None = None
+    density: float | None = None
+    seam: str | None = None
+    skirt_loops: int | None = None
+
+    def path_settings(self) -> PathSettings | None:
+        """How G-code lays its beads: the printer's way with the user's changes; None without a nozzle."""
+        if self.printer is None or self.printer.nozzle_mm is None:
+            return None
+        wanted = {key: getattr(self, key) for key in ("width_mm", "perimeters", "density", "seam", "skirt_loops")}
+        if self.width_mm is not None:
+            wanted["first_layer_width_mm"] = self.width_mm
+        return settings_for(self.printer, **{key: value for key, value in wanted.items() if value is not None})
 
 
 @dataclass(frozen=True)
@@ -82,8 +101,16 @@ def fix(
     """
     started = time.perf_counter()
     _check_paths(source, target, options)
+    paths = options.path_settings()
     stack = open_stack(source, options)
+    if options.layers is not None:
+        stack = _chosen(source, stack, options.layers)
     min_feature_mm = _min_feature_mm(options)
+    if options.tolerance_mm is not None and options.tolerance_mm > min_feature_mm:
+        raise InputError(
+            f"tolerance {format_mm(options.tolerance_mm)} is larger than the minimum feature of"
+            f" {format_mm(min_feature_mm)}: it would take away what was corrected"
+        )
     mode = options.mode or _usual_mode(options.printer, stack)
     writer_for(target, stack)
     fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.workers)
@@ -93,8 +120,10 @@ def fix(
         done.append(layer)
         progress(index + 1, len(fixed))
 
-    write(target, fixed, options.printer, force=options.force, bits=options.bits, watch=watch)
-    summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started)
+    told: list[str] = []
+    write(target, fixed, options.printer, force=options.force, bits=options.bits, watch=watch, ascii=options.ascii,
+          tolerance_mm=options.tolerance_mm, paths=paths, tell=told.append)  # fmt: skip
+    summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
     if options.picture:
         draw_layer(stack, fixed, summary.most_changed_layer, options.picture, force=options.force)
     return summary
@@ -116,6 +145,10 @@ def open_stack(source: Path, options: Options) -> LayerStack:
     first_mm = options.first_layer_mm or (printer.first_layer_mm if printer and not options.layer_mm else None)
     min_feature_mm = _min_feature_mm(options)
     feature_radius_px(min_feature_mm, pixel_mm)
+    paths = options.path_settings()
+    if paths is not None:
+        for height in (layer_mm, first_mm or layer_mm):
+            paths.check_layer(height)
     mesh = _turned_to_fit(load_mesh(source, unit=options.unit), printer)
     _check_size(mesh, printer, min_feature_mm)
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
@@ -147,6 +180,13 @@ def _check_paths(source: Path, target: Path, options: Options) -> None:
         if picture.is_dir():
             raise OutputError(f"{picture}: is a folder; the picture is a file")
         check_target(picture, force=options.force)
+
+
+def _chosen(source: Path, stack: LayerStack, layers: tuple[int, int]) -> LayerStack:
+    first, stop = layers
+    if not 0 <= first < min(stop, len(stack)):
+        raise InputError(f"{source}: layers {first} to {stop - 1} are not there; it has layers 0 to {len(stack) - 1}")
+    return stack[first:stop]
 
 
 def _check_apart(target: Path, source: Path) -> None:
@@ -202,6 +242,7 @@ def _add_up(
     mode: str,
     done: list[Layer],
     started: float,
+    told: list[str],
 ) -> Summary:
     changes = [(layer, layer.change) for layer in done if layer.change is not None]
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
@@ -238,5 +279,19 @@ def _add_up(
         longest_gap_mm=max((g.longest_mm for g in gaps), default=0.0),
         seconds=time.perf_counter() - started,
         most_changed_layer=turned.index(max(turned)) if turned else 0,
-        notes=stack.notes,
+        notes=(*stack.notes, *_empty_layers(done), *told),
     )
+
+
+def _empty_layers(done: list[Layer]) -> list[str]:
+    """A word about layers without anything between others that have something: nothing holds what is above."""
+    solid = [layer.change is None or layer.change.solid_px > 0 for layer in done]
+    if True not in solid:
+        return []
+    first, last = solid.index(True), len(solid) - 1 - solid[::-1].index(True)
+    empty = [layer for layer, full in zip(done[first:last], solid[first:last], strict=True) if not full]
+    if not empty:
+        return []
+    shown = ", ".join(f"{layer.z_mm[0]:.3f}" for layer in empty[:5])
+    more = f" and {len(empty) - 5} more" if len(empty) > 5 else ""
+    return [f"{len(empty)} empty layers in the middle, at z = {shown}{more} mm: what is above them hangs in the air"]

@@ -10,9 +10,24 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from layerfix.errors import InputError, OutputError
 from layerfix.files import reading
-from layerfix.formats import chitu, chitubox_zip, cws, goo, nanodlp, png_stack, sl1
+from layerfix.formats import (
+    chitu,
+    chitubox_zip,
+    common_layer,
+    cws,
+    gcode,
+    geojson,
+    goo,
+    model,
+    nanodlp,
+    png_stack,
+    sl1,
+    svg,
+)
 from layerfix.formats.container import rewrite
 from layerfix.formats.options import Hints, WriteOptions
 from layerfix.formats.zips import Archive
@@ -20,8 +35,11 @@ from layerfix.mesh import SUFFIXES as MESH_SUFFIXES
 from layerfix.stack import LayerStack, pitch_mm
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from layerfix.formats.encoding import Watch
     from layerfix.printers import Printer
+    from layerfix.toolpaths import PathSettings
 
 
 class Format(NamedTuple):
@@ -40,6 +58,12 @@ class ZipKind(NamedTuple):
 
 
 FORMATS = (
+    Format((".gcode",), "G-code", gcode.write),
+    Format((".3mf",), "3MF meshes", model.write_model_3mf),
+    Format((".stl",), "STL meshes", model.write_stl),
+    Format((".svg",), "SVG outlines", svg.write),
+    Format((".geojson",), "GeoJSON outlines", geojson.write),
+    Format((".cli",), "Common Layer Interface files", common_layer.write),
     Format(("",), "folder of PNG images", png_stack.write_folder),
     Format((".zip",), "zip of PNG images", png_stack.write_zip),
     Format(sl1.SUFFIXES, "Prusa SL1, SL1S and M1 jobs", sl1.write),
@@ -143,6 +167,11 @@ def write(
     force: bool = False,
     bits: int = 8,
     watch: Watch | None = None,
+    tolerance_mm: float | None = None,
+    ascii: bool = False,
+    paths: PathSettings | None = None,
+    width_mm: ArrayLike | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> None:
     """Write a stack in the format that the suffix names; a path without a suffix is a folder of PNG images.
 
@@ -151,11 +180,17 @@ def write(
     force   replace what is there
     bits    1 or 8, for PNG images
     watch   told of each layer in order: its index, and the layer without its pixels
+    tolerance_mm  of outlines and meshes, as in `trace_contours`
+    ascii   for .cli: text instead of binary
+    paths   for .gcode: how beads are laid, instead of what the printer's file says
+    width_mm  for .gcode: extrusion width of each layer, (layers,)
+    tell    told in a sentence what a user should know of what was written
     Raises OutputError for an unknown suffix, an existing target without `force`, and whatever the system
     refuses; then nothing is left behind.
     """
     path = Path(path)
-    options = WriteOptions(printer, force, bits, watch)
+    widths = None if width_mm is None else np.broadcast_to(np.asarray(width_mm, np.float64), (len(stack),))
+    options = WriteOptions(printer, force, bits, watch, tolerance_mm, ascii, paths, widths, tell)
     writer_for(path, stack)(path, stack, options)
 
 

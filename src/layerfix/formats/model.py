@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.contours import trace_contours
 from layerfix.errors import OutputError
 from layerfix.files import whole_file
 from layerfix.formats.package_3mf import write_3mf
 from layerfix.formats.polygons import upright
 from layerfix.mesh import stl_header, stl_triangles
-from layerfix.slabs import Slab, slabs
 
 if TYPE_CHECKING:
     from layerfix.formats.options import WriteOptions
+    from layerfix.slabs import Slab
     from layerfix.stack import LayerStack
 
 MAX_STL_TRIANGLES = 2**32 - 1
@@ -50,6 +49,9 @@ def write_model_3mf(path: Path, stack: LayerStack, options: WriteOptions) -> Non
 
 def _watched(path: Path, stack: LayerStack, options: WriteOptions) -> Iterator[Slab]:
     """The slabs of the stack. Raises OutputError if every layer is empty."""
+    from layerfix.contours import trace_contours
+    from layerfix.slabs import slabs
+
     index = 0
     solid = False
     for layers, slab in slabs(trace_contours(upright(stack), tolerance_mm=options.tolerance_mm)):

@@ -6,8 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
     from layerfix.formats.encoding import Watch
     from layerfix.printers import Printer
+    from layerfix.toolpaths import PathSettings
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,9 @@ class WriteOptions:
 
     tolerance_mm  of outlines (`trace_contours`); None is half a pixel
     ascii         the readable form of a format that has a binary one, too
+    paths         how G-code lays its beads; None is as the printer's file says
+    width_mm      extrusion width of each layer, (layers,), instead of one for all
+    tell          told in a sentence what a user should know of what was written
     """
 
     printer: Printer | None = None
@@ -41,3 +50,6 @@ class WriteOptions:
     watch: Watch | None = None
     tolerance_mm: float | None = None
     ascii: bool = False
+    paths: PathSettings | None = None
+    width_mm: NDArray[np.float64] | None = None
+    tell: Callable[[str], None] | None = None

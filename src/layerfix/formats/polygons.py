@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from layerfix.bits import mirrored
-from layerfix.contours import trace_contours
 from layerfix.formats.encoding import axes_to_mirror, encoded
 
 if TYPE_CHECKING:
@@ -45,6 +44,8 @@ def outlined(
 
     Raises InputError for a tolerance that `trace_contours` refuses.
     """
+    from layerfix.contours import trace_contours
+
     contours = trace_contours(upright(stack), tolerance_mm=options.tolerance_mm)
     every = encoded(contours.stack, lambda layer: encode(polygons(contours.of(layer))), options.watch, once=True)
     return zip(stack.z_mm.tolist(), every, strict=True)

@@ -25,11 +25,14 @@ STAGES = ((PERIMETER,), (EXTERNAL,), (GAP_FILL,), tuple(k for k in KINDS if k no
 
 def arranged(
     paths: Sequence[Path], layer: Layer, stack: LayerStack, settings: PathSettings, index: int
-) -> list[Path]:
-    """All paths, ordered; loops start where the seam is wanted. The nozzle comes from the rear left."""
+) -> tuple[list[Path], int]:
+    """(all paths in order, how many parts of the layer are smaller than the narrowest dot of the nozzle).
+
+    Loops start where the seam is wanted. The nozzle comes from the rear left.
+    """
+    parts, small = _parts(paths, layer, stack, settings.range_mm[0])
     if not paths:
-        return []
-    parts = _parts(paths, layer, stack)
+        return [], small
     where = np.array([stack.origin_mm[0], stack.origin_mm[1]])
     middles = np.array([paths[group[0]].points_mm[0] for group in parts])
     order, _ = short_tour(np.hstack([middles, middles]), *where.tolist())
@@ -42,22 +45,26 @@ def arranged(
                 laid = _with_seam(path, where, settings.seam, random)
                 out.append(laid)
                 where = laid.points_mm[-1]
-    return out
+    return out, small
 
 
-def _parts(paths: Sequence[Path], layer: Layer, stack: LayerStack) -> list[list[int]]:
-    """Numbers of the paths of each separate part of the layer (8-connected)."""
+def _parts(paths: Sequence[Path], layer: Layer, stack: LayerStack, dot_mm: float) -> tuple[list[list[int]], int]:
+    """(numbers of the paths of each separate part of the layer, 8-connected; how many parts are under a dot)."""
     import cv2
 
     image, left, top = solid_part(layer)
-    _, labels = cv2.connectedComponents(image, connectivity=8, ltype=cv2.CV_32S)
+    if not image.size:
+        return [], 0
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(image, connectivity=8, ltype=cv2.CV_32S)
+    dot_px = np.pi / 4 * dot_mm**2 / (stack.pixel_mm[0] * stack.pixel_mm[1])
+    small = int((boxes[1:, cv2.CC_STAT_AREA] < dot_px).sum())
     scale = np.array([1 / stack.pixel_mm[0], -1 / stack.pixel_mm[1]])
     found: dict[int, list[int]] = {}
     for k, path in enumerate(paths):
         middle = (path.points_mm[0] - np.array(stack.origin_mm)) * scale - np.array([left, top])
         x, y = np.clip(middle.astype(np.int64), 0, np.array(image.shape)[::-1] - 1).tolist()
         found.setdefault(int(labels[y, x]), []).append(k)
-    return list(found.values())
+    return list(found.values()), small
 
 
 def _with_seam(path: Path, near: Point, seam: str, random: np.random.Generator) -> Path:

@@ -69,10 +69,14 @@ class Path:
 
 @dataclass(frozen=True, eq=False)
 class LayerPaths:
-    """The beads of one layer in the order they are laid; z_mm is (bottom, top)."""
+    """The beads of one layer in the order they are laid; z_mm is (bottom, top).
+
+    small_parts counts separate parts of the layer that are smaller than a bead, so that they come out larger.
+    """
 
     z_mm: tuple[float, float]
     paths: tuple[Path, ...]
+    small_parts: int = 0
 
     @property
     def layer_mm(self) -> float:

@@ -55,7 +55,9 @@ if TYPE_CHECKING:
     Field = NDArray[np.float32]
     Floats = NDArray[np.float64]
 
-TOLERANCE_PX = 0.25  # of simplification, in place and in width: 12 µm on the usual raster of an eighth of a nozzle
+TOLERANCE_PX = 0.25  # of simplification: 12 µm on the usual raster of an eighth of a nozzle
+WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
+WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
 LEAST_GAP = 0.7  # of the narrowest spacing: what is thinner is left open
 
@@ -111,7 +113,7 @@ def plan_layer(
     low, high = settings.range_mm
     beads = Beads(width_mm - extra, low - extra, high - extra, extra)
     image = unpack(bordered(layer.rows, box), 64 * (box[3] - box[2] + 2)).view(np.uint8)
-    remaining = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    remaining: Field = np.asarray(cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
     remaining -= np.float32(0.5)
     remaining *= np.float32(pixel_mm)
     remaining -= np.float32(extra / 2)
@@ -126,9 +128,10 @@ def plan_layer(
 
     def add(points: Floats, kind: str) -> None:
         """A polyline of x, y in px and spacing in mm, simplified."""
-        kept = points[needed_points(points * np.array([1, 1, 1 / pixel_mm]), TOLERANCE_PX)]
-        widths = np.round((kept[1:, 2] + kept[:-1, 2]) / 2 + extra, 2)
-        paths.append(Path(in_mm(kept[:, :2]), np.clip(widths, low, high), kind))
+        kept = points[needed_points(points * np.array([1, 1, WIDTH_SHARE / pixel_mm]), TOLERANCE_PX)]
+        widths = (kept[1:, 2] + kept[:-1, 2]) / 2 + extra
+        steps = width_mm + WIDTH_STEP_MM * np.round((widths - width_mm) / WIDTH_STEP_MM)
+        paths.append(Path(in_mm(kept[:, :2]), np.clip(np.round(steps, 4), low, high), kind))
 
     half = np.empty_like(remaining)
     for level in range(settings.perimeters):
