@@ -18,10 +18,10 @@ LEVELS = {
     0: ("errors", "units", "bits"),
     1: ("stack", "printers", "files"),
     2: ("flood", "threemf", "mesh", "winding", "slicing", "columns", "morphology", "thinning", "thickness"),
-    3: ("skeleton", "correction"),
-    4: ("greys", "pictures", "samples", "contours", "slabs", "toolpaths", "speeds"),
+    3: ("skeleton", "correction", "widths"),
+    4: ("greys", "pictures", "samples", "contours", "slabs", "toolpaths", "speeds", "bands", "drawings", "plots"),
     5: ("formats",),
-    6: ("job", "demo"),
+    6: ("job", "demo", "width_job", "draw_job"),
     7: ("cli", "__main__"),
 }
 LEVEL_OF = {name: level for level, names in LEVELS.items() for name in names}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -176,6 +176,86 @@ def fix(source: Path, target: Path, as_json: bool, **given: Any) -> None:
 
 
 @layerfix.command()
+@click.argument("source", metavar="IN", type=click.Path(path_type=Path))
+@click.option(
+    "-p", "--printer", metavar="NAME", help="An FDM printer of `layerfix printers`, or your own .toml file."
+)
+@click.option(
+    "-o",
+    "--output",
+    "targets",
+    metavar="OUT",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Where to: .3mf .gcode .csv .json .png .svg; may be given several times.",
+)
+@click.option("--min", "min_mm", type=Length(), help="Narrowest width. [default: the printer's]")
+@click.option("--max", "max_mm", type=Length(), help="Widest width. [default: the printer's]")
+@click.option("--step", "step_mm", type=Length(), default="0.05mm", show_default=True, help="Between widths tried.")
+@click.option("--loss", "loss_mm", type=Length(), help="Tips may come out blunter by this. [default: a quarter bead]")
+@click.option(
+    "--bands", type=click.IntRange(1), default=6, show_default=True, help="At most so many widths by height."
+)
+@click.option("--band-height", "band_height_mm", type=Length(), help="Lowest band. [default: five layers]")
+@click.option(
+    "--slicer",
+    type=click.Choice(["prusa", "orca"]),
+    default="prusa",
+    show_default=True,
+    help="Whose settings a .3mf holds: PrusaSlicer and SuperSlicer, or OrcaSlicer and Bambu Studio.",
+)
+@click.option("--layer", "layer_mm", type=Length(), help="Layer height. [default: the printer's]")
+@click.option("--first-layer", "first_layer_mm", type=Length(), help="Height of the first layer, if it differs.")
+@click.option("--pixel", "pixel_mm", type=Pitch(), help="Pixel pitch. [default: an eighth of the nozzle]")
+@click.option("--unit", help="What one unit of the mesh is: mm, in, m … [default: as the file says, else mm]")
+@click.option("--workers", type=click.IntRange(1), help="Threads. [default: one per core]")
+@click.option("--force", is_flag=True, help="Replace outputs that exist.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def widths(source: Path, targets: tuple[Path, ...], printer: str | None, as_json: bool, **given: Any) -> None:
+    """Suggest an extrusion width for every layer of IN, a mesh.
+
+    The widest bead that prints a layer without losing or joining anything. Layers that are too thin for all widths
+    get the narrowest and are listed: correct these (`layerfix fix`).
+
+    \b
+    Examples:
+      layerfix widths part.stl -p prusa-mk3s-0.6 --min 0.6mm --max 1.2mm -o part.3mf
+      layerfix widths part.stl -p prusa-mk3s-0.4 --bands 3 -o part.gcode -o widths.png -o widths.csv
+    """
+    with _kernels_ready():
+        from layerfix import width_job
+        from layerfix.job import Options
+        from layerfix.printers import load_printer
+    names = ("min_mm", "max_mm", "step_mm", "loss_mm", "bands", "band_height_mm", "slicer")
+    wanted = {name: given.pop(name) for name in names}
+    wanted["loss_mm"] = wanted["loss_mm"] or 0.0
+    given["workers"] = given["workers"] or 0
+    options = Options(printer=load_printer(printer) if printer else None, **given)
+    with _progress(f"measuring {source.name}") as progress:
+        summary = width_job.suggest(source, targets, options, width_job.WidthOptions(**wanted), progress)
+    click.echo(json.dumps(asdict(summary)) if as_json else _rows(width_job.lines_of(summary)))
+
+
+@layerfix.command()
+@click.argument("source", metavar="IN.gcode", type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
+@click.option("--layer", "index", type=click.IntRange(0), default=0, show_default=True, help="Which, counted from 0.")
+@click.option("--force", is_flag=True, help="Replace OUT if it exists.")
+@click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
+def draw(source: Path, target: Path, index: int, force: bool, as_json: bool) -> None:
+    """Draw the beads of one layer of a G-code file, of any slicer, as .png or .svg.
+
+    \b
+    Example:
+      layerfix draw part.gcode layer.png --layer 12
+    """
+    with _kernels_ready():
+        from layerfix.draw_job import draw_gcode
+    drawn = draw_gcode(source, target, index, force=force)
+    click.echo(json.dumps(drawn) if as_json else _rows([(name, str(value)) for name, value in drawn.items()]))
+
+
+@layerfix.command()
 @click.argument("folder", metavar="[DIR]", type=click.Path(path_type=Path), default=Path("layerfix-demo"))
 @click.option("--force", is_flag=True, help="Replace DIR if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -330,4 +410,8 @@ def _table(s: Summary) -> str:
         )
     rows += [("note", note) for note in s.notes]
     rows.append(("written", s.target))
+    return _rows(rows)
+
+
+def _rows(rows: Sequence[tuple[str, str]]) -> str:
     return "\n".join(f"{name:10}{value}" for name, value in rows)

@@ -135,6 +135,11 @@ def open_stack(source: Path, options: Options) -> LayerStack:
         return read(source, printer=options.printer, pixel_mm=options.pixel_mm, layer_mm=options.layer_mm,
                     first_layer_mm=options.first_layer_mm, threshold=options.threshold,
                     grey_floor=options.grey_floor)  # fmt: skip
+    return open_part(source, options)[1]
+
+
+def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
+    """A mesh, turned to fit the printer, and its layers."""
     printer = options.printer
     pixel_mm = options.pixel_mm or (printer.pixel_mm if printer else None)
     layer_mm = options.layer_mm or (printer.layer_mm if printer else None)
@@ -152,8 +157,8 @@ def open_stack(source: Path, options: Options) -> LayerStack:
     mesh = _turned_to_fit(load_mesh(source, unit=options.unit), printer)
     _check_size(mesh, printer, min_feature_mm)
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
-    return slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
-                      margin_mm=min_feature_mm, fill=options.fill, frame_px=panel)  # fmt: skip
+    return mesh, slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
+                            margin_mm=min_feature_mm, fill=options.fill, frame_px=panel)  # fmt: skip
 
 
 def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:

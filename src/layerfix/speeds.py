@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.printers import Printer
+    from layerfix.widths import Widths
 
     Floats = NDArray[np.float64]
 
@@ -90,6 +91,30 @@ class Speeds:
             if way > self.value("retract_before_travel_mm"):
                 total += 2 * self.value("retract_mm") / self.value("retract_mm_s")
         return total
+
+    def seconds_by_area(
+        self, widths: Widths, width_mm: Floats, *, perimeters: int = 2, density: float = 0.2
+    ) -> tuple[float, float]:
+        """(seconds to lay all layers with these widths, how many of them melting sets the pace), without travels.
+
+        A layer's beads are `perimeters` loops along its outlines and infill of `density` in the rest of its area.
+        """
+        layer_mm = widths.z_mm[:, 1] - widths.z_mm[:, 0]
+        spacing = width_mm - layer_mm * (1 - math.pi / 4)
+        section = spacing * layer_mm
+        loops = np.minimum(perimeters * widths.outline_mm, widths.area_mm2 / spacing)
+        outer = np.minimum(widths.outline_mm, loops)
+        filling = np.maximum(widths.area_mm2 - loops * spacing, 0) / spacing * density
+        first = np.arange(len(widths)) == 0
+        most = (self.printer.max_volumetric_speed_mm3_s or math.inf) / section
+        total, melting = 0.0, 0.0
+        for kind, length in ((EXTERNAL, outer), (PERIMETER, loops - outer), (SPARSE, filling)):
+            usual = self.value(KEY_OF[kind])
+            wanted = np.where(first, min(usual, self.value("first_layer_mm_s")), usual)
+            seconds = length / np.minimum(wanted, most)
+            total += float(seconds.sum())
+            melting += float(seconds[most < wanted].sum())
+        return total, melting
 
     def slowed(self, seconds: float) -> float:
         """By how much to multiply the speeds of a layer that would be done in so many seconds, at most 1."""

@@ -1,0 +1,138 @@
+"""G-code → the beads of its layers: our own, and that of PrusaSlicer, OrcaSlicer, slic3r and Cura.
+
+Widths come from `;WIDTH:` comments, else from E: its volume over the length is the bead's cross-section.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from layerfix.errors import InputError
+from layerfix.files import reading
+from layerfix.toolpaths.beads import LayerPaths, Path, overlap_mm
+
+WORD = re.compile(r"([A-Z])\s*([-+]?\d*\.?\d+)")
+UNPRINTED = ("custom",)
+LAYER_MARKS = (";LAYER_CHANGE", ";LAYER:")  # what comes before the first is the start code, with its priming line
+
+
+@dataclass
+class _State:
+    """The machine, and the path being laid."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    e: float = 0.0
+    absolute: bool = True
+    absolute_e: bool = True
+    kind: str = ""
+    width: float | None = None
+    height: float | None = None
+    layer_z: float | None = None
+    printing: bool = True
+    points: list[tuple[float, float]] = field(default_factory=list)
+    widths: list[float] = field(default_factory=list)
+
+
+def read_gcode(path: str | FilePath, *, filament_mm: float = 1.75) -> list[LayerPaths]:
+    """The layers of a G-code file from the bottom up, with the paths in the order they are laid.
+
+    filament_mm  for files without widths that do not say their `filament_diameter`
+    Raises InputError for a file that is missing, unreadable, or lays nothing.
+    """
+    path = FilePath(path)
+    with reading(path):
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    said = next((re.search(r"filament_diameter = ([\d.]+)", line) for line in reversed(lines[-400:])
+                 if "filament_diameter" in line), None)  # fmt: skip
+    filament_mm2 = math.pi * (float(said[1]) if said else filament_mm) ** 2 / 4
+    state = _State()
+    found: dict[float, list[Path]] = {}
+    heights: dict[float, float] = {}
+    begun = not any(line.startswith(LAYER_MARKS) for line in lines)
+    for line in lines:
+        begun = begun or line.startswith(LAYER_MARKS)
+        code, _, comment = line.partition(";")
+        if comment:
+            _comment(state, comment.strip(), found)
+        state.printing = begun
+        words = dict(WORD.findall(code.upper()))
+        if words:
+            _move(state, {key: float(value) for key, value in words.items()}, filament_mm2, found, heights)
+    _finish(state, found)
+    if not found:
+        raise InputError(f"{path}: lays nothing; is it G-code?")
+    layers, below = [], 0.0
+    for z in sorted(found):
+        bottom = z - heights[z] if z in heights else below
+        layers.append(LayerPaths((bottom, z), tuple(found[z])))
+        below = z
+    return layers
+
+
+def _comment(state: _State, text: str, found: dict[float, list[Path]]) -> None:
+    key, _, value = text.partition(":")
+    if key == "TYPE":
+        _finish(state, found)
+        state.kind, state.width = value, None
+    elif key in ("WIDTH", "HEIGHT"):
+        try:
+            setattr(state, key.lower(), float(value))
+        except ValueError:
+            return
+
+
+def _move(
+    state: _State,
+    words: dict[str, float],
+    filament_mm2: float,
+    found: dict[float, list[Path]],
+    heights: dict[float, float],
+) -> None:
+    command = ("G", words["G"]) if "G" in words else ("M", words.get("M", -1))
+    if command[0] == "M":
+        state.absolute_e = {82: True, 83: False}.get(int(command[1]), state.absolute_e)
+        return
+    if command[1] in (90, 91):
+        state.absolute = command[1] == 90
+    elif command[1] == 92:
+        state.e = words.get("E", state.e)
+        state.x, state.y, state.z = (words.get(k, v) for k, v in zip("XYZ", (state.x, state.y, state.z), strict=True))
+    if command[1] not in (0, 1):
+        return
+    base = (0.0, 0.0, 0.0) if state.absolute else (state.x, state.y, state.z)
+    x, y, z = (
+        b + words[k] if k in words else v for k, b, v in zip("XYZ", base, (state.x, state.y, state.z), strict=True)
+    )
+    extruded = (words["E"] - state.e if state.absolute_e else words["E"]) if "E" in words else 0.0
+    if state.absolute_e and "E" in words:
+        state.e = words["E"]
+    length = math.hypot(x - state.x, y - state.y)
+    if extruded > 0 and length > 1e-6 and state.printing and state.kind.lower() not in UNPRINTED:
+        if state.layer_z != round(z, 4):
+            _finish(state, found)
+            state.layer_z = round(z, 4)
+        if state.height:
+            heights[state.layer_z] = state.height
+        if not state.points:
+            state.points.append((state.x, state.y))
+        state.points.append((x, y))
+        section = extruded * filament_mm2 / length
+        tall = state.height or 0.2
+        state.widths.append(state.width if state.width else section / tall + overlap_mm(tall))
+    elif length > 1e-6:
+        _finish(state, found)
+    state.x, state.y, state.z = x, y, z
+
+
+def _finish(state: _State, found: dict[float, list[Path]]) -> None:
+    if state.points and state.layer_z is not None:
+        path = Path(np.array(state.points), np.array(state.widths), state.kind or "Unknown")
+        found.setdefault(state.layer_z, []).append(path)
+    state.points, state.widths = [], []
