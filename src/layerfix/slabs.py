@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     Indices = NDArray[np.int64]
 
 
+BRIDGE_MM = 0.01  # half the width of a bridge between rings that touch: far below any bead, above rounding
+
+
 @dataclass(frozen=True, eq=False)
 class Slab:
     """One closed body of prisms: (n, 3) vertices in mm and (m, 3) faces, counter-clockwise from outside."""
@@ -49,7 +52,7 @@ def slabs(contours: Contours) -> Iterator[tuple[list[Layer], Slab | None]]:
 def _slab(outlines: MultiPolygon, bottom_mm: float, top_mm: float) -> Slab | None:
     import shapely
 
-    polygons = shapely.get_parts(outlines)
+    polygons = shapely.get_parts(_bridged(outlines))
     if not len(polygons):
         return None
     corners, owner = _triangles(polygons)
@@ -72,6 +75,25 @@ def _slab(outlines: MultiPolygon, bottom_mm: float, top_mm: float) -> Slab | Non
     vertices[:, :2] = np.tile(unique[:, 1:], (2, 1))
     vertices[:count, 2], vertices[count:, 2] = bottom_mm, top_mm
     return Slab(vertices, np.concatenate(faces))
+
+
+def _bridged(outlines: MultiPolygon) -> MultiPolygon:
+    """The outlines with a tiny bridge wherever rings touch at a corner.
+
+    There four walls would share one upright edge, and slic3r 1.3 drops the whole part that it is on.
+    """
+    import shapely
+
+    rings = shapely.get_rings(outlines)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    first = np.diff(ring, prepend=-1) > 0  # a ring's first point comes again as its last
+    unique, times = np.unique(points[~first], axis=0, return_counts=True)
+    corners = unique[times > 1]
+    if not len(corners):
+        return outlines
+    bridges = shapely.buffer(shapely.points(corners), BRIDGE_MM, quad_segs=1)
+    joined = shapely.union_all([outlines, *bridges])
+    return shapely.orient_polygons(joined)
 
 
 def _triangles(polygons: NDArray[np.object_]) -> tuple[Floats, Indices]:

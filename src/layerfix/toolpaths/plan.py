@@ -31,6 +31,7 @@ from layerfix.toolpaths.beads import EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARS
 from layerfix.toolpaths.fields import (
     NO_LEVEL,
     bits_above,
+    bits_higher,
     field_within,
     half_spacings,
     level_loops,
@@ -191,13 +192,14 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     thickness = thickness_mm(remaining, skeleton, rows, columns, np.float32(pixel_mm))
     paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
     half_spacings(half, local, thick, usual, np.float32(beads.one), np.float32(2 * beads.widest), usual)
-    points, starts = level_loops(remaining, half)
+    inside = bits_higher(remaining, half)
+    points, starts = level_loops(remaining, half, inside)
     chosen = thickness < beads.one
     if not feature:
         chosen &= thickness >= LEAST_GAP * beads.narrowest
     if chosen.any():
         reach = beads.usual / 2 / pixel_mm
-        covered = unpack(dilate(bits_above(remaining - half, np.float32(0)), width, (reach, reach)), width)
+        covered = unpack(dilate(inside, width, (reach, reach)), width)
         chosen &= ~covered[rows, columns]
         chains = bead_lines(rows[chosen], columns[chosen], thickness[chosen], remaining, pixel_mm)
     points[:, 2] *= 2
