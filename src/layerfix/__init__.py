@@ -26,6 +26,9 @@ _HOME = {
     "trace_contours": "contours",
     "plan_toolpaths": "toolpaths.planner",
     "settings_for": "toolpaths.settings",
+    "suggest_widths": "widths",
+    "banded": "bands",
+    "Widths": "widths",
     "PathSettings": "toolpaths.settings",
     "read": "formats",
     "write": "formats",
@@ -38,6 +41,8 @@ __all__ = [
     "Mesh",
     "PathSettings",
     "Printer",
+    "Widths",
+    "banded",
     "correct",
     "correct_image",
     "load_mesh",
@@ -48,12 +53,14 @@ __all__ = [
     "read",
     "settings_for",
     "slice_mesh",
+    "suggest_widths",
     "trace_contours",
     "unpack",
     "write",
 ]
 
 if TYPE_CHECKING:
+    from layerfix.bands import banded
     from layerfix.bits import pack, unpack
     from layerfix.contours import Contours, trace_contours
     from layerfix.correction import correct, correct_image
@@ -66,6 +73,7 @@ if TYPE_CHECKING:
     from layerfix.stack import Layer, LayerStack
     from layerfix.toolpaths.planner import plan_toolpaths
     from layerfix.toolpaths.settings import PathSettings, settings_for
+    from layerfix.widths import Widths, suggest_widths
 
 
 def __getattr__(name: str) -> Any:

@@ -2,7 +2,7 @@
 
 import argparse
 
-from tests.benchmarks import codecs, growth, kernel, resin_12k, startup, table1
+from tests.benchmarks import codecs, fdm, growth, kernel, resin_12k, startup, table1
 from tests.benchmarks.measuring import machine
 
 BENCHMARKS = {
@@ -11,6 +11,7 @@ BENCHMARKS = {
     "resin": resin_12k.run,
     "codecs": codecs.run,
     "growth": growth.run,
+    "fdm": fdm.run,
     "startup": startup.run,
 }
 

@@ -42,9 +42,9 @@ def bead_lines(
         line = np.column_stack([_smoothed(chain[:, 0]), _smoothed(chain[:, 1]), _smoothed(spacing)])
         for end in (0, 1):
             line = line[::-1]
-            if ends[1 - end]:
+            if ends[1 - end] and len(line):
                 line = _carried_on(line, remaining, pixel_mm)
-            elif not _ring(chain):
+            elif len(line) and not _ring(chain):
                 line = _trimmed(line, line[-1, 2] / 2 / pixel_mm)
         if len(line) > 1:
             beads.append(line)
