@@ -84,7 +84,7 @@ def _bridged(outlines: MultiPolygon) -> MultiPolygon:
     """
     import shapely
 
-    rings = shapely.get_rings(outlines)
+    rings = shapely.get_rings(shapely.get_parts(outlines))
     points, ring = shapely.get_coordinates(rings, return_index=True)
     first = np.diff(ring, prepend=-1) > 0  # a ring's first point comes again as its last
     unique, times = np.unique(points[~first], axis=0, return_counts=True)

@@ -105,7 +105,7 @@ def _segments(field, level, high):  # type: ignore[no-untyped-def]
                 count += popcount(cells)
     segments, following = np.empty((2 * count, 3), np.int32), np.empty(2 * count, np.int64)
     # On a side between two cells, the segment k that ends there, or -1 - k for one that begins there.
-    above, beside = np.empty(width, np.int64), np.int64(0)
+    above, beside = np.empty(width, np.int64), 0
     comes, goes = np.empty(2, np.int64), np.empty(2, np.int64)
     n = 0
     for y in range(high.shape[0] - 1):

@@ -17,16 +17,23 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 TANGENT_PX = 6  # pixels of a chain that tell its direction at an end
+LEAST_RADIUS_MM = 0.04  # of the way round a dot
 SMOOTH_PX = 5  # pixels over which place and width are averaged along a chain
 
 
 def bead_lines(
-    rows: NDArray[np.int64], columns: NDArray[np.int64], thickness: Field, remaining: Field, pixel_mm: float
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    thickness: Field,
+    remaining: Field,
+    pixel_mm: float,
+    narrowest_mm: float,
 ) -> list[Floats]:
     """(n, 3) x, y in px and spacing in mm of one bead each, from the pixels of skeletal lines.
 
-    thickness  (n,) mm there
-    remaining  (H, W) mm to the edge
+    thickness     (n,) mm there
+    remaining     (H, W) mm to the edge
+    narrowest_mm  the least spacing of a bead
     """
     if not len(rows):
         return []
@@ -36,8 +43,8 @@ def bead_lines(
     beads = []
     for chain, ends in zip(chains, open_ends, strict=True):
         spacing = np.array([known[int(x), int(y)] for x, y in chain])
-        if len(chain) == 1:
-            beads.append(_dot(chain[0], float(spacing[0]), pixel_mm))
+        if all(ends) and len(chain) * pixel_mm < spacing.max() / 2:
+            beads.append(_dot(chain.mean(axis=0), float(spacing.max()), narrowest_mm, pixel_mm))
             continue
         line = np.column_stack([_smoothed(chain[:, 0]), _smoothed(chain[:, 1]), _smoothed(spacing)])
         for end in (0, 1):
@@ -55,10 +62,14 @@ def _ring(chain: Floats) -> bool:
     return len(chain) > 2 and bool((chain[0] == chain[-1]).all())
 
 
-def _dot(point: Floats, spacing_mm: float, pixel_mm: float) -> Floats:
-    """A short stroke with the area of a disc of that diameter, a little narrower than it."""
-    half_px = spacing_mm * math.pi / 8 / pixel_mm
-    return np.array([[point[0] - half_px, point[1], spacing_mm], [point[0] + half_px, point[1], spacing_mm]])
+def _dot(middle: Floats, thickness_mm: float, narrowest_mm: float, pixel_mm: float) -> Floats:
+    """The narrowest bead round the middle of a dot, inside it: a stroke would stick out, or be too little."""
+    radius_px = max((thickness_mm - narrowest_mm) / 2, LEAST_RADIUS_MM) / pixel_mm
+    angle = np.linspace(0, 2 * np.pi, 9)
+    x, y = middle[0] + radius_px * np.cos(angle), middle[1] + radius_px * np.sin(angle)
+    loop = np.column_stack([x, y, np.full(len(angle), narrowest_mm)])
+    loop[-1] = loop[0]
+    return loop
 
 
 def _smoothed(values: Floats) -> Floats:

@@ -201,7 +201,7 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
         reach = beads.usual / 2 / pixel_mm
         covered = unpack(dilate(inside, width, (reach, reach)), width)
         chosen &= ~covered[rows, columns]
-        chains = bead_lines(rows[chosen], columns[chosen], thickness[chosen], remaining, pixel_mm)
+        chains = bead_lines(rows[chosen], columns[chosen], thickness[chosen], remaining, pixel_mm, beads.narrowest)
     points[:, 2] *= 2
     found = [
         np.concatenate([points[a:b], points[a : a + 1]])
