@@ -3,6 +3,7 @@
 import re
 import shlex
 import zipfile
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -40,14 +41,17 @@ def folder(tmp_path, monkeypatch):
 
 def test_the_commands_of_the_readme_run_one_after_the_other(folder):
     """Each `layerfix …` line works; a target written by an earlier example is cleared first."""
-    assert len(COMMANDS) >= 4
+    assert len(COMMANDS) >= 8
     for command in COMMANDS:
         arguments = shlex.split(command)[1:]
+        targets = [b for a, b in pairwise(arguments) if a == "-o"] or arguments[2:3]
         if arguments[1] == "part.stl":
-            (folder / arguments[2]).unlink(missing_ok=True)
+            for target in targets:
+                (folder / target).unlink(missing_ok=True)
         code, _, error = run_layerfix(*arguments)
         assert code == 0, f"{command}: {error}"
-        assert (folder / arguments[2]).exists()
+        for target in targets:
+            assert (folder / target).exists()
 
 
 @pytest.mark.parametrize("code", [text for kind, text in BLOCKS if kind == "python"])
@@ -69,4 +73,5 @@ def test_the_setup_commands_are_what_they_claim():
     lines = [line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines() if "venv" in line]
     assert lines[0].endswith("layerfix demo")
     assert lines[1].endswith("python -m pytest")
-    assert (ROOT / "docs" / "before_after.png").is_file()
+    for picture in re.findall(r"\]\((docs/[^)]+)\)", README):
+        assert (ROOT / picture).is_file()

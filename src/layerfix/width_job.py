@@ -47,7 +47,11 @@ class WidthOptions:
 
 @dataclass(frozen=True)
 class WidthSummary:
-    """What was suggested and chosen. Times are of beads alone, for the whole part, without travels."""
+    """What was suggested and chosen.
+
+    Times are of beads alone, without travels: with the printer's usual width everywhere, with the narrowest of the
+    range everywhere (which prints every layer that is not too thin), and as chosen.
+    """
 
     source: str
     targets: tuple[str, ...]
@@ -59,6 +63,7 @@ class WidthSummary:
     ranges: tuple[tuple[float, float, float], ...]
     usual_width_mm: float
     seconds_before: float
+    seconds_narrowest: float
     seconds_after: float
     melting_share: float
     limit: str
@@ -148,6 +153,7 @@ def _add_up(
 ) -> WidthSummary:
     speeds = Speeds(printer)
     before, _ = speeds.seconds_by_area(chosen, np.full(len(chosen), usual_mm))
+    narrowest, _ = speeds.seconds_by_area(chosen, np.full(len(chosen), suggested.range_mm[0]))
     after, melting = speeds.seconds_by_area(chosen, chosen.width_mm)
     share = melting / after if after else 0.0
     most = printer.max_volumetric_speed_mm3_s
@@ -171,6 +177,7 @@ def _add_up(
         ranges=tuple(chosen.ranges()),
         usual_width_mm=usual_mm,
         seconds_before=before,
+        seconds_narrowest=narrowest,
         seconds_after=after,
         melting_share=share,
         limit=limit,
@@ -187,14 +194,10 @@ def lines_of(summary: WidthSummary) -> list[tuple[str, str]]:
         more = " …" if len(summary.too_thin_z_mm) > 6 else ""
         rows.append(("too thin", f"{summary.too_thin} layers, correct these: z = {shown}{more} mm"))
     rows += [("band", f"{format_mm(width)} from z = {a:.2f} to {b:.2f} mm") for a, b, width in summary.ranges]
-    change = 100 * (summary.seconds_after / summary.seconds_before - 1) if summary.seconds_before else 0.0
-    rows.append(
-        (
-            "time",
-            f"{written_time(summary.seconds_after)} of laying beads, {change:+.1f} % against"
-            f" {format_mm(summary.usual_width_mm)} everywhere ({written_time(summary.seconds_before)})",
-        )
-    )
+    rows.append(("time", f"{written_time(summary.seconds_after)} of laying beads"))
+    for width, seconds in ((summary.usual_width_mm, summary.seconds_before), (low, summary.seconds_narrowest)):
+        change = 100 * (summary.seconds_after / seconds - 1) if seconds else 0.0
+        rows.append(("", f"{change:+.1f} % against {format_mm(width)} everywhere ({written_time(seconds)})"))
     rows.append(("limit", summary.limit))
     rows += [("note", note) for note in summary.notes]
     rows += [("written", target) for target in summary.targets]

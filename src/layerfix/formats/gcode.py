@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ from layerfix.formats.polygons import upright
 from layerfix.printers import GCODE_PLACEHOLDERS
 from layerfix.speeds import LEAST_MM_S, Speeds, written_time
 from layerfix.toolpaths import LayerPaths, Path, settings_for
-from layerfix.toolpaths.beads import section_mm2
+from layerfix.toolpaths.beads import SKIRT, section_mm2
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
@@ -154,6 +154,7 @@ def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
     settings = options.paths or settings_for(printer)
     planned = plan_toolpaths(upright(stack), settings, width_mm=options.width_mm)
     machine = _Machine(printer, bed_offset_mm(stack, printer))
+    no_room = False
     count = 0
     with whole_file(path, force=options.force) as file:
         file.write(_head(printer, stack, planned).encode())
@@ -163,6 +164,8 @@ def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
             if not paths.paths:
                 continue
             count += 1
+            if count == 1:
+                paths, no_room = _without_skirt_off_the_bed(paths, machine.offset_mm, printer)
             file.write("".join(machine.layer(paths, first=count == 1)).encode())
             if paths.small_parts and not machine.used.small_parts:
                 machine.used.small_z_mm = paths.z_mm[1]
@@ -173,6 +176,8 @@ def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
             raise OutputError(f"{path}: every layer is empty, so there is nothing to print")
         file.write(_tail(printer, settings, machine.used, stack).encode())
     _tell(options, machine.used)
+    if no_room and options.tell is not None:
+        options.tell("there is no room for a skirt on the bed, so there is none")
 
 
 def bed_offset_mm(stack: LayerStack, printer: Printer) -> Floats:
@@ -180,6 +185,15 @@ def bed_offset_mm(stack: LayerStack, printer: Printer) -> Floats:
     middle = np.array(stack.origin_mm) + np.array([stack.width, -stack.height]) * np.array(stack.pixel_mm) / 2
     offset: Floats = np.array(printer.build_mm[:2]) / 2 - middle
     return offset
+
+
+def _without_skirt_off_the_bed(layer: LayerPaths, offset_mm: Floats, printer: Printer) -> tuple[LayerPaths, bool]:
+    """The layer without its skirt if that does not fit the bed, and whether that was so."""
+    skirts = [path.points_mm + offset_mm for path in layer.paths if path.kind == SKIRT]
+    fits = all((points >= 0).all() and (points <= np.array(printer.build_mm[:2])).all() for points in skirts)
+    if fits:
+        return layer, False
+    return replace(layer, paths=tuple(path for path in layer.paths if path.kind != SKIRT)), True
 
 
 def _tell(options: WriteOptions, used: _Used) -> None:
