@@ -221,6 +221,15 @@ def take_off(remaining, half, keep):  # type: ignore[no-untyped-def]
                 remaining[y, x] -= 2 * half[y, x]
 
 
+@njit(types.void(FIELD, ROWS, MUTABLE_FIELD), cache=True, nogil=True)
+def copy_outside(field, where, target):  # type: ignore[no-untyped-def]
+    """target = field but for the pixels of `where` (packed)."""
+    for y in range(field.shape[0]):
+        for x in range(field.shape[1]):
+            if not (where[y, x >> 6] >> np.uint64(x & 63)) & U1:
+                target[y, x] = field[y, x]
+
+
 @njit(MUTABLE_FIELD(FIELD, ROWS, types.float32), cache=True, nogil=True)
 def field_within(field, where, level):  # type: ignore[no-untyped-def]
     """The field less `level` on the pixels of `where` (packed), -1 elsewhere."""

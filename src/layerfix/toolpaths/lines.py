@@ -28,12 +28,15 @@ def bead_lines(
     remaining: Field,
     pixel_mm: float,
     narrowest_mm: float,
+    *,
+    dots: bool,
 ) -> list[Floats]:
     """(n, 3) x, y in px and spacing in mm of one bead each, from the pixels of skeletal lines.
 
     thickness     (n,) mm there
     remaining     (H, W) mm to the edge
     narrowest_mm  the least spacing of a bead
+    dots          whether a line shorter than it is wide is laid, too
     """
     if not len(rows):
         return []
@@ -44,7 +47,8 @@ def bead_lines(
     for chain, ends in zip(chains, open_ends, strict=True):
         spacing = np.array([known[int(x), int(y)] for x, y in chain])
         if all(ends) and len(chain) * pixel_mm < spacing.max() / 2:
-            beads.append(_dot(chain.mean(axis=0), float(spacing.max()), narrowest_mm, pixel_mm))
+            if dots:
+                beads.append(_dot(chain.mean(axis=0), float(spacing.max()), narrowest_mm, pixel_mm))
             continue
         line = np.column_stack([_smoothed(chain[:, 0]), _smoothed(chain[:, 1]), _smoothed(spacing)])
         for end in (0, 1):

@@ -32,6 +32,7 @@ from layerfix.toolpaths.fields import (
     NO_LEVEL,
     bits_above,
     bits_higher,
+    copy_outside,
     field_within,
     half_spacings,
     level_loops,
@@ -57,6 +58,9 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 TOLERANCE_PX = 0.25  # of simplification: 12 µm on the usual raster of an eighth of a nozzle
+# Loops follow the blurred distance: by itself it ripples by 0.3 px along stairs of pixels. Where it is thin blurring
+# would move them.
+SMOOTH_PX = 1.5
 WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
 WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
@@ -177,6 +181,8 @@ def bordered(rows: Rows, box: tuple[int, int, int, int]) -> Rows:
 def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, loops: bool, feature: bool) -> Ring:
     """One round (see the module); `half` is written. loops: False leaves thick parts to infill; feature: nothing is
     too thin to lay."""
+    import cv2
+
     usual = np.float32(beads.usual / 2) if loops else NO_LEVEL
     region = bits_above(remaining, np.float32(0))
     if not region.any():
@@ -192,8 +198,10 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     thickness = thickness_mm(remaining, skeleton, rows, columns, np.float32(pixel_mm))
     paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
     half_spacings(half, local, thick, usual, np.float32(beads.one), np.float32(2 * beads.widest), usual)
-    inside = bits_higher(remaining, half)
-    points, starts = level_loops(remaining, half, inside)
+    smooth = np.asarray(cv2.GaussianBlur(remaining, (0, 0), SMOOTH_PX), np.float32)
+    copy_outside(remaining, thick, smooth)
+    inside = bits_higher(smooth, half)
+    points, starts = level_loops(smooth, half, inside)
     chosen = thickness < beads.one
     if not feature:
         chosen &= thickness >= LEAST_GAP * beads.narrowest
@@ -201,7 +209,8 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
         reach = beads.usual / 2 / pixel_mm
         covered = unpack(dilate(inside, width, (reach, reach)), width)
         chosen &= ~covered[rows, columns]
-        chains = bead_lines(rows[chosen], columns[chosen], thickness[chosen], remaining, pixel_mm, beads.narrowest)
+        line = rows[chosen], columns[chosen], thickness[chosen]
+        chains = bead_lines(*line, remaining, pixel_mm, beads.narrowest, dots=feature)
     points[:, 2] *= 2
     found = [
         np.concatenate([points[a:b], points[a : a + 1]])
