@@ -96,15 +96,14 @@ def suggest(
     for path in targets:
         _check(path, source, options.force)
     mesh, stack = open_part(source, replace(options, min_feature_mm=options.min_feature_mm or low))
-    watched = stack.map(lambda layer: layer)
-    suggested = suggest_widths(watched, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm)
-    progress(len(stack), len(stack))
+    stack = stack.with_workers(options.workers)
+    suggested = suggest_widths(stack, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm)
     layer_mm = float(np.median(stack.z_mm[:, 1] - stack.z_mm[:, 0]))
     height_mm = 5 * layer_mm if wanted.band_height_mm is None else wanted.band_height_mm
     chosen = banded(suggested, wanted.bands, min_height_mm=height_mm)
     summary = _add_up(source, targets, suggested, chosen, printer, settings.width_mm, started)
     for path in targets:
-        _write(path, mesh, stack, suggested, chosen, summary, options, wanted)
+        _write(path, mesh, stack, suggested, chosen, summary, options, wanted, progress)
     return replace(summary, seconds=time.perf_counter() - started)
 
 
@@ -125,6 +124,7 @@ def _write(
     summary: WidthSummary,
     options: Options,
     wanted: WidthOptions,
+    progress: Callable[[int, int], None],
 ) -> None:
     suffix, printer = path.suffix.lower(), options.printer
     assert printer is not None  # checked by `suggest`
@@ -132,7 +132,8 @@ def _write(
         write_width_3mf(path, mesh, chosen, slicer=wanted.slicer, bed_mm=printer.build_mm, force=options.force)
     elif suffix == ".gcode":
         fixed = correct(stack, min_feature_mm=summary.range_mm[0])
-        write(path, fixed, printer, force=options.force, paths=options.path_settings(), width_mm=chosen.width_mm)
+        write(path, fixed, printer, force=options.force, paths=options.path_settings(), width_mm=chosen.width_mm,
+              watch=lambda index, _: progress(index + 1, len(stack)))  # fmt: skip
     elif suffix == ".csv":
         write_csv(path, table(suggested, chosen), force=options.force)
     elif suffix == ".json":

@@ -255,25 +255,52 @@ def paint_balls(field, rows, columns, radii_px, values):  # type: ignore[no-unty
                     field[y, x] = values[k]
 
 
-@njit(VALUES(FIELD, ROWS, INDEX_LIST, INDEX_LIST, types.float32), cache=True, nogil=True)
-def thickness_mm(remaining, skeleton, rows, columns, pixel_mm):  # type: ignore[no-untyped-def]
-    """(n,) thickness at pixels of the skeleton (packed), from the distance to the edge.
+@njit(types.void(MUTABLE_FIELD, ROWS, INDEX_LIST, INDEX_LIST, VALUES, types.float64), cache=True, nogil=True)
+def paint_ends(field, skeleton, rows, columns, values, radius_px):  # type: ignore[no-untyped-def]
+    """field = the value at each end of the skeleton (packed) round it, where it is still 0.
 
-    Twice the distance, but where the middle lies between two pixels: then the two distances and the step between
-    them. Only neighbours off the skeleton can be across, those on it are along.
+    The skeleton ends that far from the tip of the place, because its ends were shortened.
     """
-    out = np.empty(rows.shape[0], np.float32)
+    height, width = field.shape
+    reach = int(radius_px) + 1
     for k in range(rows.shape[0]):
         y, x = rows[k], columns[k]
-        here = remaining[y, x]
-        best = 2 * here
+        neighbours = 0
         for dy in range(-1, 2):
             for dx in range(-1, 2):
-                beside = remaining[y + dy, x + dx]
-                on_it = (skeleton[y + dy, (x + dx) >> 6] >> np.uint64((x + dx) & 63)) & U1
-                if beside > 0 and not on_it:
-                    best = max(best, here + beside + np.float32(np.sqrt(dx * dx + dy * dy)) * pixel_mm)
-        out[k] = best
+                if (skeleton[y + dy, (x + dx) >> 6] >> np.uint64((x + dx) & 63)) & U1:
+                    neighbours += 1
+        if neighbours > 2:  # itself, too
+            continue
+        for j in range(max(y - reach, 0), min(y + reach + 1, height)):
+            half = int(np.sqrt(max(reach * reach - (j - y) ** 2, 0.0)))
+            for i in range(max(x - half, 0), min(x + half + 1, width)):
+                if field[j, i] == 0:
+                    field[j, i] = values[k]
+
+
+@njit(MUTABLE_FIELD(FIELD, ROWS, INDEX_LIST, INDEX_LIST), cache=True, nogil=True)
+def middles(remaining, skeleton, rows, columns):  # type: ignore[no-untyped-def]
+    """(n, 3): thickness at pixels of the skeleton (packed), and how far the middle lies beside them, x and y, all in
+    the unit of `remaining`, the distance to the edge.
+
+    The thickness is twice the distance at the middle. A pixel that is t beside the middle has t less; across the
+    place one neighbour is then 2 t higher than the one opposite, along any other axis less. Neighbours on the
+    skeleton are not across.
+    """
+    out = np.zeros((rows.shape[0], 3), np.float32)
+    for k in range(rows.shape[0]):
+        y, x = rows[k], columns[k]
+        beside = np.float32(0)
+        for dx, dy in ((1, 0), (1, 1), (0, 1), (-1, 1)):
+            on = (skeleton[y + dy, (x + dx) >> 6] >> np.uint64((x + dx) & 63)) & U1
+            on |= (skeleton[y - dy, (x - dx) >> 6] >> np.uint64((x - dx) & 63)) & U1
+            higher = (remaining[y + dy, x + dx] - remaining[y - dy, x - dx]) / 2
+            if not on and abs(higher) > beside:
+                beside = abs(higher)
+                length = np.float32(np.sqrt(dx * dx + dy * dy))
+                out[k, 1], out[k, 2] = higher * dx / length, higher * dy / length
+        out[k, 0] = 2 * (remaining[y, x] + beside)
     return out
 
 

@@ -24,7 +24,7 @@ SMOOTH_PX = 5  # pixels over which place and width are averaged along a chain
 def bead_lines(
     rows: NDArray[np.int64],
     columns: NDArray[np.int64],
-    thickness: Field,
+    middle: Field,
     remaining: Field,
     pixel_mm: float,
     narrowest_mm: float,
@@ -33,7 +33,7 @@ def bead_lines(
 ) -> list[Floats]:
     """(n, 3) x, y in px and spacing in mm of one bead each, from the pixels of skeletal lines.
 
-    thickness     (n,) mm there
+    middle        (n, 3) mm: thickness there, and where the middle of the place lies beside the pixel
     remaining     (H, W) mm to the edge
     narrowest_mm  the least spacing of a bead
     dots          whether a line shorter than it is wide is laid, too
@@ -42,10 +42,11 @@ def bead_lines(
         return []
     points, starts = trace_lines(np.zeros(remaining.shape, np.uint8), rows, columns)
     chains, open_ends = _joined([points[a:b] for a, b in pairwise(starts)])
-    known = dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), thickness.tolist(), strict=True))
+    known = dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), middle.tolist(), strict=True))
     beads = []
     for chain, ends in zip(chains, open_ends, strict=True):
-        spacing = np.array([known[int(x), int(y)] for x, y in chain])
+        facts = np.array([known[int(x), int(y)] for x, y in chain])
+        spacing, chain = facts[:, 0], chain + facts[:, 1:] / pixel_mm
         if all(ends) and len(chain) * pixel_mm < spacing.max() / 2:
             if dots:
                 beads.append(_dot(chain.mean(axis=0), float(spacing.max()), narrowest_mm, pixel_mm))

@@ -36,11 +36,12 @@ from layerfix.toolpaths.fields import (
     field_within,
     half_spacings,
     level_loops,
+    middles,
     needed_points,
     paint_balls,
+    paint_ends,
     pixels_of,
     take_off,
-    thickness_mm,
 )
 from layerfix.toolpaths.infill import rectilinear
 from layerfix.toolpaths.lines import bead_lines
@@ -195,8 +196,10 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     local = np.zeros_like(remaining)
     chains: list[Floats] = []
     rows, columns = pixels_of(skeleton & ~anchor)
-    thickness = thickness_mm(remaining, skeleton, rows, columns, np.float32(pixel_mm))
+    middle = middles(remaining, skeleton, rows, columns)
+    thickness = np.ascontiguousarray(middle[:, 0])
     paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
+    paint_ends(local, skeleton, rows, columns, thickness, radius_px)
     half_spacings(half, local, thick, usual, np.float32(beads.one), np.float32(2 * beads.widest), usual)
     smooth = np.asarray(cv2.GaussianBlur(remaining, (0, 0), SMOOTH_PX), np.float32)
     copy_outside(remaining, thick, smooth)
@@ -209,7 +212,7 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
         reach = beads.usual / 2 / pixel_mm
         covered = unpack(dilate(inside, width, (reach, reach)), width)
         chosen &= ~covered[rows, columns]
-        line = rows[chosen], columns[chosen], thickness[chosen]
+        line = rows[chosen], columns[chosen], middle[chosen]
         chains = bead_lines(*line, remaining, pixel_mm, beads.narrowest, dots=feature)
     points[:, 2] *= 2
     found = [
