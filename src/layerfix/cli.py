@@ -414,4 +414,5 @@ def _table(s: Summary) -> str:
 
 
 def _rows(rows: Sequence[tuple[str, str]]) -> str:
-    return "\n".join(f"{name:10}{value}" for name, value in rows)
+    width = max(10, *(len(name) + 1 for name, _ in rows))
+    return "\n".join(f"{name:{width}}{value}" for name, value in rows)

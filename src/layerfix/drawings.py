@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from PIL.Image import Image as Picture
 
 SUFFIXES = (".png", ".svg")
+# What XML has no place for, such as control characters and the halves of bytes that are no unicode.
+NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 OVERSAMPLING = 2  # of PNG, then averaged: smooth edges
 
 
@@ -43,7 +46,7 @@ class Drawing:
 
     def text(self, x: float, y: float, words: str, size: float, colour: str, anchor: str = "start") -> None:
         """Words whose baseline is at y; anchor: "start", "middle" or "end"."""
-        self.words.append((x, y, words, size, colour, anchor))
+        self.words.append((x, y, NO_XML.sub("\ufffd", words), size, colour, anchor))
 
     def svg(self) -> str:
         """The drawing as an SVG document."""

@@ -93,8 +93,12 @@ def suggest(
         settings.check_width(width)
     if wanted.slicer not in SLICERS:
         raise InputError(f"slicer '{wanted.slicer}' is not known; choose from {', '.join(SLICERS)}")
+    if not source.is_file():
+        raise InputError(f"{source}: no such file")
     for path in targets:
         _check(path, source, options.force)
+        if targets.count(path) > 1:
+            raise OutputError(f"{path}: is named twice; every output needs a name of its own")
     mesh, stack = open_part(source, replace(options, min_feature_mm=options.min_feature_mm or low))
     stack = stack.with_workers(options.workers)
     suggested = suggest_widths(stack, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm)
@@ -159,7 +163,8 @@ def _add_up(
     share = melting / after if after else 0.0
     most = printer.max_volumetric_speed_mm3_s
     if most and share > 0.5:
-        limit = f"melting: {most:g} mm³/s are reached in {100 * share:.0f} % of the time, so wider beads gain little"
+        gain = "gain little" if after < before else "cost time: their thicker walls are more to melt"
+        limit = f"melting: {most:g} mm³/s are reached in {100 * share:.0f} % of the time, so wider beads {gain}"
     elif most:
         limit = f"the speeds set for the printer; melting ({most:g} mm³/s) limits {100 * share:.0f} % of the time"
     else:

@@ -56,15 +56,18 @@ def read_gcode(path: str | FilePath, *, filament_mm: float = 1.75) -> list[Layer
     found: dict[float, list[Path]] = {}
     heights: dict[float, float] = {}
     begun = not any(line.startswith(LAYER_MARKS) for line in lines)
-    for line in lines:
+    for number, line in enumerate(lines, 1):
         begun = begun or line.startswith(LAYER_MARKS)
         code, _, comment = line.partition(";")
         if comment:
             _comment(state, comment.strip(), found)
         state.printing = begun
         words = dict(WORD.findall(code.upper()))
-        if words:
-            _move(state, {key: float(value) for key, value in words.items()}, filament_mm2, found, heights)
+        values = {key: float(value) for key, value in words.items()}
+        if not all(map(math.isfinite, values.values())):
+            raise InputError(f"{path}: line {number} holds a number that is too large")
+        if values:
+            _move(state, values, filament_mm2, found, heights)
     _finish(state, found)
     if not found:
         raise InputError(f"{path}: lays nothing; is it G-code?")
@@ -83,9 +86,10 @@ def _comment(state: _State, text: str, found: dict[float, list[Path]]) -> None:
         state.kind, state.width = value, None
     elif key in ("WIDTH", "HEIGHT"):
         try:
-            setattr(state, key.lower(), float(value))
+            length = float(value)
         except ValueError:
             return
+        setattr(state, key.lower(), length if 0 < length < math.inf else None)  # neither nan nor a width below 0
 
 
 def _move(

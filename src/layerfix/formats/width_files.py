@@ -72,7 +72,8 @@ def write_width_3mf(
 def _ranges_xml(widths: Widths, keys: tuple[str, ...]) -> str:
     lines = ['<?xml version="1.0" encoding="utf-8"?>', "<objects>", ' <object id="1">']
     heights = np.round(widths.z_mm[:, 1] - widths.z_mm[:, 0], 6)
-    layer_mm = float(np.median(heights))  # the print's; the first layer's own height is not a range's business
+    usual = heights[1:] if len(heights) > 1 else heights  # the first layer may have its own
+    layer_mm = float(np.median(usual))
     for bottom, top, width in widths.ranges():
         lines.append(f'  <range min_z="{bottom:.6g}" max_z="{top:.6g}">')
         lines.append(f'   <option opt_key="layer_height">{layer_mm:.6g}</option>')
