@@ -223,8 +223,8 @@ def _suggest(rows, discs, starts, limits_mm, offsets, distances_mm):  # type: ig
 
     "Fails for good" is monotone: the topology stays broken, and what is too far for the widest candidate is too far
     for all. So the first that does is found by halving; below it the law itself is tried downwards, mostly once.
-    (Openings by discs of pixels are not quite nested: in about one of a thousand random images a wider candidate holds
-    again. Then this finds one that holds while the next one fails, too.)
+    (Openings by discs of pixels are not quite nested: in about one of a thousand random images a wider candidate
+    holds again. Then this finds one that holds while the next one fails, too.)
     """
     last = starts.shape[0] - 2
     outer = working_box(rows, discs[starts[last] : starts[last + 1]])
