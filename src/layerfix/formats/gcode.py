@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from layerfix import __version__
-from layerfix.errors import OutputError
+from layerfix.errors import InputError, OutputError
 from layerfix.files import whole_file
 from layerfix.formats.polygons import upright
 from layerfix.printers import GCODE_PLACEHOLDERS
@@ -164,6 +164,7 @@ def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
             if not paths.paths:
                 continue
             count += 1
+            _check_on_bed(path, paths, machine.offset_mm, printer)
             if count == 1:
                 paths, no_room = _without_skirt_off_the_bed(paths, machine.offset_mm, printer)
             file.write("".join(machine.layer(paths, first=count == 1)).encode())
@@ -178,6 +179,18 @@ def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
     _tell(options, machine.used)
     if no_room and options.tell is not None:
         options.tell("there is no room for a skirt on the bed, so there is none")
+
+
+def _check_on_bed(path: FilePath, layer: LayerPaths, offset_mm: Floats, printer: Printer) -> None:
+    """Raises InputError for beads beside the bed."""
+    points = np.concatenate([p.points_mm for p in layer.paths if p.kind != SKIRT]) + offset_mm
+    room = np.array(printer.build_mm)
+    if (points < 0).any() or (points > room[:2]).any() or layer.z_mm[1] > room[2] * (1 + 1e-9):
+        size = np.ptp(points, axis=0)
+        raise InputError(
+            f"{path}: at z = {format_mm(layer.z_mm[1])} the part is {size[0]:.4g} × {size[1]:.4g} mm, larger than"
+            f" what {printer.name} prints: {' × '.join(f'{s:.4g}' for s in printer.build_mm)} mm"
+        )
 
 
 def bed_offset_mm(stack: LayerStack, printer: Printer) -> Floats:

@@ -83,7 +83,7 @@ def _comment(state: _State, text: str, found: dict[float, list[Path]]) -> None:
     key, _, value = text.partition(":")
     if key == "TYPE":
         _finish(state, found)
-        state.kind, state.width = value, None
+        state.kind = value
     elif key in ("WIDTH", "HEIGHT"):
         try:
             length = float(value)

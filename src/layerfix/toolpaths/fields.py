@@ -19,6 +19,7 @@ STARTS = types.Array(types.int64, 1, "C")
 INDICES = types.Array(types.int64, 1, "A")
 ROWS_OUT = types.Array(types.uint64, 2, "C")
 INDEX_LIST = types.Array(types.int64, 1, "C")
+LEAST_MM = np.float32(1e-3)
 NO_LEVEL = np.float32(1e9)  # higher than any distance: where no loop is wanted
 VALUES = types.Array(types.float32, 1, "C")
 
@@ -35,6 +36,34 @@ def bits_above(field, level):  # type: ignore[no-untyped-def]
             for x in range(64):
                 word |= np.uint64(line[x] > level) << np.uint64(x)
             out[y, w] = word
+    return out
+
+
+@njit(types.void(MUTABLE_FIELD, types.float32, types.float32), cache=True, nogil=True)
+def to_edge_mm(distance, pixel_mm, inset_mm):  # type: ignore[no-untyped-def]
+    """Distances to the middle of the nearest void pixel, in px, made distances to the edge less `inset_mm`, in mm.
+
+    Solid pixels keep at least LEAST_MM: nothing is too thin to be laid.
+    """
+    for y in range(distance.shape[0]):
+        for x in range(distance.shape[1]):
+            away = (distance[y, x] - np.float32(0.5)) * pixel_mm - inset_mm
+            distance[y, x] = max(away, LEAST_MM) if distance[y, x] > 0 else away
+
+
+@njit(ROWS_OUT(FIELD, FIELD, ROWS, types.float32, types.float32), cache=True, nogil=True)
+def bits_unexplained(remaining, local, thick, least, slack):  # type: ignore[no-untyped-def]
+    """Packed rows of the pixels that are deeper than `least` and than the thickness known there allows, by `slack`,
+    and not thick (packed)."""
+    height, words = remaining.shape[0], remaining.shape[1] // 64
+    out = np.zeros((height, words), np.uint64)
+    for y in range(height):
+        for w in range(words):
+            word = U0
+            line, known = remaining[y, 64 * w : 64 * w + 64], local[y, 64 * w : 64 * w + 64]
+            for x in range(64):
+                word |= np.uint64(line[x] > least and 2 * line[x] > known[x] + slack) << np.uint64(x)
+            out[y, w] = word & ~thick[y, w]
     return out
 
 

@@ -43,12 +43,14 @@ def bead_lines(
     points, starts = trace_lines(np.zeros(remaining.shape, np.uint8), rows, columns)
     chains, open_ends = _joined([points[a:b] for a, b in pairwise(starts)])
     known = dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), middle.tolist(), strict=True))
-    beads = []
+    beads: list[Floats] = []
+    vanished: list[tuple[float, Floats]] = []
     for chain, ends in zip(chains, open_ends, strict=True):
         facts = np.array([known[int(x), int(y)] for x, y in chain])
         spacing, chain = facts[:, 0], chain + facts[:, 1:] / pixel_mm
-        if all(ends) and len(chain) * pixel_mm < spacing.max() / 2:
-            if dots:
+        extent_px = np.ptp(chain, axis=0).max() if _ring(chain) else len(chain)
+        if (all(ends) or _ring(chain)) and extent_px * pixel_mm < max(spacing.max(), narrowest_mm) / 2:
+            if dots or spacing.max() >= narrowest_mm:
                 beads.append(_dot(chain.mean(axis=0), float(spacing.max()), narrowest_mm, pixel_mm))
             continue
         line = np.column_stack([_smoothed(chain[:, 0]), _smoothed(chain[:, 1]), _smoothed(spacing)])
@@ -58,8 +60,15 @@ def bead_lines(
                 line = _carried_on(line, remaining, pixel_mm)
             elif len(line) and not _ring(chain):
                 line = _trimmed(line, line[-1, 2] / 2 / pixel_mm)
-        if len(line) > 1:
+        if len(line) > 1 and np.ptp(line[:, :2], axis=0).max() > 0:
             beads.append(line)
+        else:  # trimmed away from both sides
+            k = int(spacing.argmax())
+            vanished.append((float(spacing[k]), chain[k]))
+    for thickest, middle_px in sorted(vanished, key=lambda each: -each[0]):
+        near = any(np.hypot(*(line[:, :2] - middle_px).T).min() * pixel_mm < thickest for line in beads)
+        if (dots or thickest >= narrowest_mm) and not near:
+            beads.append(_dot(middle_px, thickest, narrowest_mm, pixel_mm))
     return beads
 
 
@@ -68,8 +77,8 @@ def _ring(chain: Floats) -> bool:
 
 
 def _dot(middle: Floats, thickness_mm: float, narrowest_mm: float, pixel_mm: float) -> Floats:
-    """The narrowest bead round the middle of a dot, inside it: a stroke would stick out, or be too little."""
-    radius_px = max((thickness_mm - narrowest_mm) / 2, LEAST_RADIUS_MM) / pixel_mm
+    """The narrowest bead round the middle of a dot, as long as gives its area: a stroke would stick out."""
+    radius_px = max(thickness_mm**2 / (8 * narrowest_mm), LEAST_RADIUS_MM) / pixel_mm
     angle = np.linspace(0, 2 * np.pi, 9)
     x, y = middle[0] + radius_px * np.cos(angle), middle[1] + radius_px * np.sin(angle)
     loop = np.column_stack([x, y, np.full(len(angle), narrowest_mm)])

@@ -25,6 +25,7 @@ import numpy as np
 
 from layerfix.bits import unpack
 from layerfix.columns import bounding_box
+from layerfix.flood import flood
 from layerfix.morphology import dilate, opened
 from layerfix.skeleton import thinned_rows
 from layerfix.toolpaths.beads import EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
@@ -32,6 +33,7 @@ from layerfix.toolpaths.fields import (
     NO_LEVEL,
     bits_above,
     bits_higher,
+    bits_unexplained,
     copy_outside,
     field_within,
     half_spacings,
@@ -42,6 +44,7 @@ from layerfix.toolpaths.fields import (
     paint_ends,
     pixels_of,
     take_off,
+    to_edge_mm,
 )
 from layerfix.toolpaths.infill import rectilinear
 from layerfix.toolpaths.lines import bead_lines
@@ -59,6 +62,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 TOLERANCE_PX = 0.25  # of simplification: 12 µm on the usual raster of an eighth of a nozzle
+TURNS = 160  # small loops get a finer tolerance, their length over this: or round pins would shrink by a tenth
 # Loops follow the blurred distance: by itself it ripples by 0.3 px along stairs of pixels. Where it is thin blurring
 # would move them.
 SMOOTH_PX = 1.5
@@ -120,9 +124,7 @@ def plan_layer(
     beads = Beads(width_mm - extra, low - extra, high - extra, extra)
     image = unpack(bordered(layer.rows, box), 64 * (box[3] - box[2] + 2)).view(np.uint8)
     remaining: Field = np.asarray(cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
-    remaining -= np.float32(0.5)
-    remaining *= np.float32(pixel_mm)
-    remaining -= np.float32(extra / 2)
+    to_edge_mm(remaining, np.float32(pixel_mm), np.float32(extra / 2))
 
     corner = np.array([64 * (box[2] - 1) + 0.5, box[0] - 0.5])  # the middle of pixel (0, 0) of the bordered box
 
@@ -134,7 +136,10 @@ def plan_layer(
 
     def add(points: Floats, kind: str) -> None:
         """A polyline of x, y in px and spacing in mm, simplified."""
-        kept = points[needed_points(points * np.array([1, 1, WIDTH_SHARE / pixel_mm]), TOLERANCE_PX)]
+        tolerance_px = min(TOLERANCE_PX, _length(points) / TURNS)
+        kept = points[needed_points(points * np.array([1, 1, WIDTH_SHARE / pixel_mm]), tolerance_px)]
+        if len(kept) < 3 and (kept[0, :2] == kept[-1, :2]).all():
+            return
         widths = (kept[1:, 2] + kept[:-1, 2]) / 2 + extra
         steps = width_mm + WIDTH_STEP_MM * np.round((widths - width_mm) / WIDTH_STEP_MM)
         paths.append(Path(in_mm(kept[:, :2]), np.clip(np.round(steps, 4), low, high), kind))
@@ -166,6 +171,9 @@ def plan_layer(
     regions = ((solid & ~bare, SOLID, 1.0), (solid & bare, TOP, 1.0), (~solid, SPARSE, settings.density))
     for where, kind, density in regions:
         if density > 0 and (where & body).any():
+            rest = body & ~where
+            if rest.any():  # the lines of two regions end a pixel apart, or both would turn on their border
+                where = where & ~dilate(rest, remaining.shape[1], (1.0, 1.0))
             field = field_within(remaining, where & body, np.float32((0.5 - INFILL_OVERLAP) * beads.usual))
             for points in rectilinear(field, turn, beads.usual / density / pixel_mm, -0.3 * beads.usual):
                 if _length(points) * pixel_mm > width_mm / 2:
@@ -199,6 +207,7 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     middle = middles(remaining, skeleton, rows, columns)
     thickness = np.ascontiguousarray(middle[:, 0])
     paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
+    _paint_lobes(local, remaining, thick, beads, pixel_mm)
     paint_ends(local, skeleton, rows, columns, thickness, radius_px)
     half_spacings(half, local, thick, usual, np.float32(beads.one), np.float32(2 * beads.widest), usual)
     smooth = np.asarray(cv2.GaussianBlur(remaining, (0, 0), SMOOTH_PX), np.float32)
@@ -221,6 +230,32 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
         if _length(points[a:b]) * pixel_mm > 0.6 * beads.narrowest
     ]
     return Ring(found, chains, thick)
+
+
+def _paint_lobes(local: Field, remaining: Field, thick: Rows, beads: Beads, pixel_mm: float) -> None:
+    """Add what the skeleton does not know: lobes beyond a neck whose branch was shortened away as a spur.
+
+    The deepest pixel of each such part tells its thickness. Corners of thick parts are none. Lobes that hold one bead
+    only are reached by the neck's own.
+    """
+    import cv2
+
+    width = remaining.shape[1]
+    for _ in range(4):  # behind a lobe may be another
+        parts = bits_unexplained(remaining, local, thick, np.float32(beads.one / 2), np.float32(pixel_mm / 2))
+        if not parts.any():
+            return
+        parts &= ~flood(dilate(thick, width, (1.5, 1.5)), parts)
+        rows, columns = pixels_of(parts)
+        if not len(rows):
+            return
+        _, labels = cv2.connectedComponents(unpack(parts, width).view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
+        part = labels[rows, columns]
+        order = np.lexsort((-remaining[rows, columns], part))
+        deepest = order[np.flatnonzero(np.diff(part[order], prepend=0))]
+        rows, columns = rows[deepest], columns[deepest]
+        thickness = 2 * remaining[rows, columns]
+        paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
 
 
 def _length(points: Floats) -> float:
