@@ -19,6 +19,7 @@ from layerfix.columns import to_columns
 from layerfix.correction import feature_radius_px
 from layerfix.errors import InputError
 from layerfix.morphology import HALF_WIDTHS, dilate_columns, disc_half_widths, erode_columns, working_box
+from layerfix.topology import label_runs, same_topology
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
@@ -33,120 +34,6 @@ STARTS = types.Array(types.int64, 1, "C")
 LIMITS = types.Array(types.float64, 1, "C")
 OFFSETS = types.Array(types.int64, 2, "C")
 SUGGESTION = types.Tuple((types.int64, types.boolean, types.int64, types.UniTuple(types.int64, 4)))
-
-
-@njit
-def _row_runs(columns, y, of_void, runs, n):  # type: ignore[no-untyped-def]
-    """Append (row, first, past the last) of the runs of set (or clear) bits in a row; returns their number."""
-    words = columns.shape[0]
-    start, inside = 0, False
-    for w in range(words):
-        word = ~columns[w, y] if of_void else columns[w, y]
-        if word == U0 and not inside:
-            continue
-        if word == ~U0 and inside:
-            continue
-        # Bits where a run begins or ends: those that differ from the one before.
-        edges = word ^ ((word << U1) | (U1 if inside else U0))
-        while edges != U0:
-            x = w * 64 + lowest_bit(edges)
-            edges &= edges - U1
-            if inside:
-                runs[n, 0], runs[n, 1], runs[n, 2] = y, start, x
-                n += 1
-            else:
-                start = x
-            inside = not inside
-    if inside:
-        runs[n, 0], runs[n, 1], runs[n, 2] = y, start, words * 64
-        n += 1
-    return n
-
-
-@njit
-def _root(parent, k):  # type: ignore[no-untyped-def]
-    while parent[k] != k:
-        parent[k] = parent[parent[k]]
-        k = parent[k]
-    return k
-
-
-@njit
-def _label(columns, of_void):  # type: ignore[no-untyped-def]
-    """Components of the solid (8-connected) or of the void (4-connected, with the border round the layer).
-
-    Returns (runs (n, 3): row, first, past the last; for each run one of its component, that of the component's first
-    run being itself; number of components).
-    """
-    words, height = columns.shape
-    changes = 0
-    for w in range(words):
-        for y in range(height):
-            before = columns[w - 1, y] >> U63 if w else U0
-            changes += popcount(columns[w, y] ^ ((columns[w, y] << U1) | before))
-    most = changes // 2 + 2 * height
-    runs, parent = np.empty((most, 3), np.int64), np.empty(most, np.int64)
-    reach = 0 if of_void else 1
-    n, above, above_stop, count = 0, 0, 0, 0
-    for y in range(height):
-        first = n
-        n = _row_runs(columns, y, of_void, runs, n)
-        k = above
-        for i in range(first, n):
-            parent[i] = i
-            count += 1
-            while k < above_stop and runs[k, 2] + reach <= runs[i, 1]:
-                k += 1
-            j = k
-            while j < above_stop and runs[j, 1] < runs[i, 2] + reach:
-                a, b = _root(parent, i), _root(parent, j)
-                if a != b:
-                    parent[max(a, b)] = min(a, b)
-                    count -= 1
-                j += 1
-        above, above_stop = first, n
-    return runs[:n], parent[:n], count
-
-
-@njit
-def _has(columns, of_void, y, first, stop):  # type: ignore[no-untyped-def]
-    """Whether row y has a set (or clear) bit in first … stop - 1."""
-    w0, w1 = first >> 6, (stop - 1) >> 6
-    for w in range(w0, w1 + 1):
-        word = ~columns[w, y] if of_void else columns[w, y]
-        if w == w0:
-            word &= ~U0 << np.uint64(first & 63)
-        if w == w1:
-            word &= ~U0 >> np.uint64(63 - ((stop - 1) & 63))
-        if word != U0:
-            return True
-    return False
-
-
-@njit
-def _each_holds(outer, inner, of_void):  # type: ignore[no-untyped-def]
-    """Whether every component of the solid (or void) of `outer` has a pixel of that of `inner`."""
-    runs, parent, _ = _label(outer, of_void)
-    alive = np.zeros(parent.shape[0], np.bool_)
-    for i in range(parent.shape[0]):
-        root = _root(parent, i)
-        if not alive[root]:
-            alive[root] = _has(inner, of_void, runs[i, 0], runs[i, 1], runs[i, 2])
-    dead = 0
-    for i in range(parent.shape[0]):
-        dead += parent[i] == i and not alive[i]
-    return dead == 0
-
-
-@njit
-def _same_topology(solid, kept, parts, voids):  # type: ignore[no-untyped-def]
-    """Law (1): kept ⊆ solid has one component in each of the solid's `parts`, and one void round each of `voids`."""
-    return (
-        _label(kept, False)[2] == parts
-        and _label(kept, True)[2] == voids
-        and _each_holds(solid, kept, False)
-        and _each_holds(kept, solid, True)
-    )
 
 
 @njit
@@ -210,7 +97,7 @@ def _verdict(solid, half_widths, limit_mm, last_mm, parts, voids, offsets, dista
     if not _opened(solid, half_widths, kept, scratch, lost):
         return HOLDS
     reach_mm = _reach_mm(lost, kept, offsets, distances_mm)
-    if reach_mm > last_mm + NEARLY or not _same_topology(solid, kept, parts, voids):
+    if reach_mm > last_mm + NEARLY or not same_topology(solid, kept, parts, voids):
         return FAILS_FOR_GOOD
     return FAILS if reach_mm > limit_mm + NEARLY else HOLDS
 
@@ -237,7 +124,7 @@ def _suggest(rows, discs, starts, limits_mm, offsets, distances_mm):  # type: ig
         for y in range(solid.shape[1]):
             pixels += popcount(solid[w, y])
     edges = _boundary_px(solid)
-    parts, voids = _label(solid, False)[2], _label(solid, True)[2]
+    parts, voids = label_runs(solid, False)[2], label_runs(solid, True)[2]
     verdicts = np.full(last + 1, UNKNOWN)
     low, high = -1, last + 1  # low does not fail for good, high does
     at = last

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.contours import solid_part
 from layerfix.toolpaths.beads import EXTERNAL, GAP_FILL, KINDS, PERIMETER, SKIRT, Path, spacing_mm
 from layerfix.toolpaths.order import in_short_order, short_tour
+from layerfix.topology import components_at
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,21 +50,14 @@ def arranged(
 
 def _parts(paths: Sequence[Path], layer: Layer, stack: LayerStack, dot_mm: float) -> tuple[list[list[int]], int]:
     """(numbers of the paths of each separate part of the layer, 8-connected; how many parts are under a dot)."""
-    import cv2
-
-    image, left, top = solid_part(layer)
-    if not image.size:
-        return [], 0
-    _, labels, boxes, _ = cv2.connectedComponentsWithStats(image, connectivity=8, ltype=cv2.CV_32S)
+    starts = np.array([path.points_mm[0] for path in paths]).reshape(-1, 2) - np.array(stack.origin_mm)
+    x, y = np.floor(starts * np.array([1 / stack.pixel_mm[0], -1 / stack.pixel_mm[1]])).astype(np.int64).T
+    component, areas_px = components_at(layer.rows, x, y)
     dot_px = np.pi / 4 * dot_mm**2 / (stack.pixel_mm[0] * stack.pixel_mm[1])
-    small = int((boxes[1:, cv2.CC_STAT_AREA] < dot_px).sum())
-    scale = np.array([1 / stack.pixel_mm[0], -1 / stack.pixel_mm[1]])
     found: dict[int, list[int]] = {}
-    for k, path in enumerate(paths):
-        middle = (path.points_mm[0] - np.array(stack.origin_mm)) * scale - np.array([left, top])
-        x, y = np.clip(middle.astype(np.int64), 0, np.array(image.shape)[::-1] - 1).tolist()
-        found.setdefault(int(labels[y, x]), []).append(k)
-    return list(found.values()), small
+    for k, number in enumerate(component.tolist()):
+        found.setdefault(number, []).append(k)
+    return list(found.values()), int((areas_px < dot_px).sum())
 
 
 def _with_seam(path: Path, near: Point, seam: str, random: np.random.Generator) -> Path:

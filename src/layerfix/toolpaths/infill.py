@@ -55,7 +55,13 @@ def scan(field, angle, spacing, offset):  # type: ignore[no-untyped-def]
                 t1 = -1e18
         t, before, start = t0, -1.0, 0.0
         while t <= t1 + 1:
-            value = _at(field, px + t * ux, py + t * uy) if t <= t1 else -1.0
+            value = -1.0
+            if t <= t1:
+                x, y = px + t * ux, py + t * uy
+                # Far outside, where two opposite corners are, costs two looks instead of four.
+                i, j = min(max(int(x), 0), width - 2), min(max(int(y), 0), height - 2)
+                if before > 0 or field[j, i] > -1 or field[j + 1, i + 1] > -1 or field[j, i + 1] > -1:
+                    value = _at(field, x, y)
             if (value > 0) != (before > 0):
                 crossing = t - value / (value - before)
                 if value > 0:
