@@ -704,3 +704,73 @@ def test_comments_are_those_that_prusaslicer_writes(tmp_path, texts):
     assert keys <= {m[1] for m in re.finditer(r"^;([A-Z_]+)", its, re.M)}
     kinds = [set(re.findall(r"^;TYPE:(.*)$", text, re.M)) - {"Custom"} for text in (ours, its)]
     assert len(kinds[0] & kinds[1]) >= 4
+
+
+def test_what_floats_is_put_on_the_bed(tmp_path):
+    """Empty layers below, or only some layers: the first that has anything is laid as a first layer."""
+    plate = drawn((8, 8), Point(4, 4).buffer(2))
+    stack = stack_of(np.zeros_like(plate), np.zeros_like(plate), plate, plate, plate)
+    said = []
+    printer = lf.load_printer(MK3S)
+    lf.write(tmp_path / "a.gcode", stack, printer, tell=said.append, width_mm=[0.5, 0.5, 0.4, 0.45, 0.45])
+    lf.write(tmp_path / "b.gcode", stack[2:], printer, width_mm=[0.4, 0.45, 0.45])
+    assert (tmp_path / "a.gcode").read_text().splitlines()[2:] == (tmp_path / "b.gcode").read_text().splitlines()[2:]
+    assert [layer.z_mm[1] for layer in read_gcode(tmp_path / "a.gcode")] == pytest.approx([0.2, 0.4, 0.6])
+    assert any("z = 0.4 mm" in line and "put on the bed" in line for line in said)
+
+
+def test_the_time_told_is_that_of_the_moves(tmp_path):
+    """A pin is slowed to 10 mm/s, not to eight seconds a layer; the estimate is a little more than the moves."""
+    pin = stack_of(*[drawn((6, 6), Point(3, 3).buffer(0.4))] * 20)
+    said = []
+    lf.write(tmp_path / "a.gcode", pin, lf.load_printer(MK3S), tell=said.append)
+    moves = sum(60 * m.length / m.mm_min for m in printed(written(tmp_path / "b.gcode", pin, lf.load_printer(MK3S))))
+    told = re.search(r"about (?:(\d+)m )?(\d+)s", said[0])
+    seconds = 60 * int(told[1] or 0) + int(told[2])
+    assert 0.8 * moves <= seconds <= 2 * moves + 2
+
+
+def test_travels_are_timed_as_the_printer_drives_them():
+    """From standstill to standstill: twice the way over the acceleration's peak, or cruising in between."""
+    from layerfix.speeds import Speeds
+    from layerfix.toolpaths import LayerPaths, Path
+
+    speeds = Speeds(lf.load_printer(MK3S))  # 180 mm/s, 1000 mm/s2, retracts from 1 mm on
+    retraction = 2 * 0.8 / 35
+    for way, seconds in ((1.0, 2 * (1 / 1000) ** 0.5), (5.0, 2 * (5 / 1000) ** 0.5 + retraction),
+                         (100.0, 100 / 180 + 180 / 1000 + retraction)):  # fmt: skip
+        paths = [Path(np.array([[x, 0.0], [x, 1.0]]), np.array([0.45]), "Perimeter") for x in (0.0, way)]
+        paths[1] = paths[1].reversed()
+        one = speeds.seconds(LayerPaths((0, 0.2), (paths[0],)), first_layer=False)
+        both = speeds.seconds(LayerPaths((0, 0.2), tuple(paths)), first_layer=False)
+        assert both - 2 * one == pytest.approx(seconds, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("move", "length"),
+    [
+        ("G3 X10 Y10 I0 J5 E2", 5 * np.pi), ("G2 X10 Y10 I0 J5 E2", 5 * np.pi), ("G3 X10 Y10 R5 E2", 5 * np.pi),
+        ("G3 X10 Y0 I0 J5 E2", 10 * np.pi), ("G2 X10 Y0 I-5 J0 E2", 10 * np.pi),
+        ("G3 X15 Y5 I0 J5 E2", 2.5 * np.pi), ("G2 X15 Y5 I0 J5 E2", 7.5 * np.pi), ("G3 X15 Y5 R5 E2", 2.5 * np.pi),
+        ("G3 X15 Y5 R-5 E2", 7.5 * np.pi),
+    ],
+)  # fmt: skip
+def test_arcs_are_read(tmp_path, move, length):
+    """G2 clockwise, G3 the other way, by their centre or their radius; what follows goes on from their end."""
+    text = f"M82\nG1 Z0.2\nG1 X0 Y0 F600\n;WIDTH:0.4\nG1 X10 Y0 E1\n{move}\nG1 X0 Y10 E3\n"
+    (tmp_path / "a.gcode").write_text(text)
+    (path,) = read_gcode(tmp_path / "a.gcode")[0].paths
+    target = np.array([float(word[1:]) for word in move.split()[1:3]])
+    assert path.lengths_mm.sum() == pytest.approx(10 + length + np.hypot(*(target - [0, 10])), rel=0.01)
+
+
+def test_widths_from_e_use_the_height_of_their_layer(tmp_path):
+    """Without comments the height is the step in z: a 0.4 mm bead stays one on layers of 0.1 mm."""
+    section = (0.4 - 0.1) * 0.1 + np.pi * 0.1**2 / 4
+    e = section * 10 / (np.pi * 1.75**2 / 4)
+    lines = ["M83"]
+    for k in (1, 2, 3):
+        lines += [f"G1 Z{0.1 * k:.1f}", "G1 X0 Y0", f"G1 X10 Y0 E{e:.6f}"]
+    (tmp_path / "a.gcode").write_text("\n".join(lines))
+    for layer in read_gcode(tmp_path / "a.gcode"):
+        assert layer.paths[0].width_mm == pytest.approx([0.4], abs=1e-4)

@@ -84,7 +84,7 @@ def test_half_spacings(seed, height, width, one, more):
     thick = mask_of(seed, height, width)
     one, two, elsewhere = np.float32(one), np.float32(one + more), np.float32(0.2)
     half = np.full((height, width), np.float32(9))
-    half_spacings(half, local, pack(thick), np.float32(0.3), one, two, elsewhere)
+    half_spacings(half, local, pack(thick), one, two, elsewhere)
     expected = np.select(
         [(local == 0) | thick, local < one, local <= two], [elsewhere, NO_LEVEL, local / 4], local / 6
     )
@@ -404,7 +404,7 @@ def test_a_square_is_one_zigzag():
     """No line is left alone where all can be joined."""
     field = np.full((80, 128), -1, np.float32)
     field[10:70, 10:100] = 1
-    ways = rectilinear(field, math.pi / 4, 5.0, -0.5)
+    ways = rectilinear(field, math.pi / 4, 5.0, -0.5, np.zeros(2))
     assert len(ways) <= 2
     length = sum(np.hypot(*np.diff(way, axis=0).T).sum() for way in ways)
     assert length == pytest.approx(60 * 90 / 5, rel=0.2)

@@ -22,6 +22,7 @@ from layerfix import Layer, LayerStack, PathSettings, plan_toolpaths, settings_f
 from layerfix.errors import InputError
 from layerfix.samples import sample
 from layerfix.toolpaths import KINDS, LayerPaths, Path
+from layerfix.toolpaths.beads import spacing_mm
 from layerfix.toolpaths.order import in_short_order, short_tour
 from tests.beads import (
     LAYER_MM,
@@ -528,7 +529,8 @@ def test_in_short_order_keeps_and_reverses_paths():
         return path.kind, str(min(both))
 
     assert Counter(map(key, laid)) == Counter(map(key, paths))
-    assert LayerPaths((0, 0.2), tuple(laid)).travel_mm() < 0.5 * LayerPaths((0, 0.2), tuple(paths)).travel_mm()
+    now, before = (sum(LayerPaths((0, 0.2), tuple(each)).travels_mm()) for each in (laid, paths))
+    assert now < 0.5 * before
 
 
 def test_a_layer_travels_less_than_in_any_random_order(part, settings):
@@ -536,7 +538,7 @@ def test_a_layer_travels_less_than_in_any_random_order(part, settings):
     beads = plan_toolpaths(part, settings)[12]
     random = np.random.default_rng(0)
     shuffled = [beads.paths[k] for k in random.permutation(len(beads.paths))]
-    assert beads.travel_mm() < 0.25 * replace(beads, paths=tuple(shuffled)).travel_mm()
+    assert sum(beads.travels_mm()) < 0.25 * sum(replace(beads, paths=tuple(shuffled)).travels_mm())
 
 
 # Widths
@@ -563,7 +565,7 @@ def test_volume_and_travel_of_a_layer():
     beads = beads_on(drawn((12, 12), box(1, 1, 5, 5) | box(7, 7, 11, 11)))
     assert beads.volume_mm3() == pytest.approx(volume_mm3(beads.paths))
     ways = [math.dist(a.points_mm[-1], b.points_mm[0]) for a, b in itertools.pairwise(beads.paths)]
-    assert beads.travel_mm() == pytest.approx(sum(ways))
+    assert sum(beads.travels_mm()) == pytest.approx(sum(ways))
     assert max(ways) > 2
 
 
@@ -628,7 +630,8 @@ def test_neighbours_come_in_order_and_every_layer_is_made_once(workers, below, a
     watched = replace(stack, make=counted, workers=workers)
     tops = stack.z_mm[:, 1].tolist()
 
-    def use(lower, layer, upper):
+    def use(index, lower, layer, upper):
+        assert tops.index(layer.z_mm[1]) == index
         return [tops.index(x.z_mm[1]) for x in lower], tops.index(layer.z_mm[1]), [
             tops.index(x.z_mm[1]) for x in upper
         ], layer.image()  # fmt: skip
@@ -719,3 +722,37 @@ def test_settings_of_a_printer():
     assert found.perimeters == 3
     with pytest.raises(InputError, match="nozzle"):
         settings_for(lf.load_printer("prusa-sl1s"))
+
+
+def test_sparse_infill_lies_on_itself(settings):
+    """Lines of every second layer are the same lines, wherever the part's outline is."""
+    shapes = [drawn((30, 30), Point(15.0 + 0.1 * k, 15).buffer(13 - 0.7 * k)) for k in range(12)]
+    layers = plan_toolpaths(stack_of(*shapes), replace(settings, top_layers=0, bottom_layers=0))
+    spacing = spacing_mm(settings.width_mm, 0.2) / settings.density
+    phases = []
+    for k in (3, 5, 7, 9):
+        for path in (p for p in layers[k].paths if p.kind == "Internal infill"):
+            a, b = path.points_mm[:-1], path.points_mm[1:]
+            along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
+            lines = np.abs(np.abs(along[:, 0]) - np.sqrt(0.5)) < 1e-6  # the ways between them are not at 45 degrees
+            lines &= path.lengths_mm > 3
+            across = np.where(along[:, 0] * along[:, 1] > 0, a[:, 1] - a[:, 0], a[:, 1] + a[:, 0]) / np.sqrt(2)
+            phases += (across[lines] % spacing).tolist()
+    turns = np.exp(2j * np.pi * np.array(phases) / spacing)
+    assert len(phases) > 20
+    assert abs(turns.mean()) > 0.999
+
+
+def test_a_gap_in_z_covers_nothing(settings):
+    """The layer under a gap is a top, the one over it a bottom."""
+    stack = stack_of(*[drawn((12, 12), box(1, 1, 11, 11))] * 20)
+    z = stack.z_mm.copy()
+    z[10:] += 5.0
+    make = stack.make
+    apart = replace(stack, z_mm=z, make=lambda k: replace(make(k), z_mm=tuple(z[k].tolist())))
+    kinds = [{path.kind for path in layer.paths} for layer in plan_toolpaths(apart, settings)]
+    assert "Top solid infill" in kinds[9]
+    assert "Solid infill" in kinds[10]
+    assert all(("Internal infill" in kinds[k]) == (k in (4, 5, 14, 15)) for k in range(20))
+    alone = plan_toolpaths(apart, settings)
+    assert [{path.kind for path in alone[k].paths} for k in (4, 9, 10, 15)] == [kinds[k] for k in (4, 9, 10, 15)]

@@ -169,6 +169,8 @@ def fix(source: Path, target: Path, as_json: bool, **given: Any) -> None:
     """
     with _kernels_ready():
         from layerfix import job
+
+        job.load_kernels(target)
     options = _options(given)
     with _progress(f"correcting {source.name}") as progress:
         summary = job.fix(source, target, options, progress)
@@ -371,7 +373,7 @@ def _kernels_ready() -> Iterator[None]:
         return
     import threading
 
-    status = console.status("compiling the kernels for this machine (once, about 20 s) …")
+    status = console.status("compiling the kernels for this machine (once, up to a minute) …")
     timer = threading.Timer(1.5, status.start)
     timer.daemon = True
     timer.start()

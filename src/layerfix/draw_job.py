@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from layerfix.drawings import check_drawing
-from layerfix.errors import InputError, OutputError
-from layerfix.files import check_target
+from layerfix.errors import InputError
+from layerfix.files import check_apart, check_target
 from layerfix.formats.gcode_reader import read_gcode
 from layerfix.plots import draw_paths
 
@@ -20,8 +20,7 @@ def draw_gcode(source: Path, target: Path, index: int, *, force: bool) -> dict[s
     if not source.is_file():
         raise InputError(f"{source}: no such file")
     check_drawing(target)
-    if target.exists() and target.samefile(source):
-        raise OutputError(f"{target}: is the input; layerfix never writes to its input")
+    check_apart(target, source)
     check_target(target, force=force)
     layers = read_gcode(source)
     if index >= len(layers):
@@ -34,6 +33,7 @@ def draw_gcode(source: Path, target: Path, index: int, *, force: bool) -> dict[s
         "layer": index,
         "z_mm": layer.z_mm[1],
         "paths": len(layer.paths),
+        "travel_mm": round(sum(layer.travels_mm()), 1),
         "narrowest_mm": round(min(widths), 4),
         "widest_mm": round(max(widths), 4),
         "written": str(target),

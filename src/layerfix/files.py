@@ -12,6 +12,8 @@ from typing import BinaryIO
 
 from layerfix.errors import InputError, OutputError
 
+A_LONG_TIME_AGO = (1980, 1, 1, 0, 0, 0)  # the earliest time of a zip entry: same content, same bytes
+
 
 def _is_image(path: Path) -> bool:
     return path.suffix.lower() == ".png" and not path.is_dir()
@@ -39,6 +41,13 @@ def _check_replaceable(folder: Path, force: bool, ours: Callable[[Path], bool]) 
         raise OutputError(
             f"{folder}: holds '{strange.name}', which layerfix did not write; choose another folder or empty this one"
         )
+
+
+def check_apart(target: Path, source: Path) -> None:
+    """Raises OutputError if a target is the input or inside it: that is never written over, nor written into."""
+    inside = source.is_dir() and source.resolve() in target.absolute().parents
+    if inside or (target.exists() and source.exists() and target.samefile(source)):
+        raise OutputError(f"{target}: is {'inside ' if inside else ''}the input; layerfix never writes to its input")
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from layerfix.correction import correct, feature_radius_px
 from layerfix.errors import InputError, OutputError
-from layerfix.files import check_target, whole_file
+from layerfix.files import check_apart, check_target, whole_file
 from layerfix.formats import format_for, read, write, writer_for
 from layerfix.mesh import SUFFIXES, load_mesh
 from layerfix.pictures import before_after
@@ -88,6 +89,14 @@ class Summary:
     notes: tuple[str, ...] = ()
 
 
+def load_kernels(target: Path) -> None:
+    """Load, and on a machine's first run compile, what only some targets need, before any progress is shown."""
+    if target.suffix.lower() == ".gcode":
+        importlib.import_module("layerfix.toolpaths.planner")
+    elif target.suffix.lower() in (".stl", ".3mf", ".svg", ".geojson", ".cli"):
+        importlib.import_module("layerfix.contours")
+
+
 def fix(
     source: Path,
     target: Path,
@@ -103,15 +112,15 @@ def fix(
     _check_paths(source, target, options)
     paths = options.path_settings()
     stack = open_stack(source, options)
+    min_feature_mm = _min_feature_mm(options)
+    mode = options.mode or _usual_mode(options.printer, stack)
     if options.layers is not None:
         stack = _chosen(source, stack, options.layers)
-    min_feature_mm = _min_feature_mm(options)
     if options.tolerance_mm is not None and options.tolerance_mm > min_feature_mm:
         raise InputError(
             f"tolerance {format_mm(options.tolerance_mm)} is larger than the minimum feature of"
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
-    mode = options.mode or _usual_mode(options.printer, stack)
     writer_for(target, stack)
     fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.workers)
     done: list[Layer] = []
@@ -172,14 +181,14 @@ def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, 
 def _check_paths(source: Path, target: Path, options: Options) -> None:
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
-    _check_apart(target, source)
+    check_apart(target, source)
     format_for(target)  # an unknown suffix is refused before any work
     check_target(target, force=options.force)
     picture = options.picture
     if picture:
         if picture.suffix.lower() != ".png":
             raise OutputError(f"{picture}: the picture is written as PNG; call it .png")
-        _check_apart(picture, source)
+        check_apart(picture, source)
         if picture.absolute() == target.absolute() or target.absolute() in picture.absolute().parents:
             raise OutputError(f"{picture}: is where the output goes; choose another place for the picture")
         if picture.is_dir():
@@ -192,13 +201,6 @@ def _chosen(source: Path, stack: LayerStack, layers: tuple[int, int]) -> LayerSt
     if not 0 <= first < min(stop, len(stack)):
         raise InputError(f"{source}: layers {first} to {stop - 1} are not there; it has layers 0 to {len(stack) - 1}")
     return stack[first:stop]
-
-
-def _check_apart(target: Path, source: Path) -> None:
-    """The input is never written over, nor written into."""
-    inside = source.is_dir() and source.resolve() in target.absolute().parents
-    if inside or (target.exists() and target.samefile(source)):
-        raise OutputError(f"{target}: is {'inside ' if inside else ''}the input; layerfix never writes to its input")
 
 
 def _usual_mode(printer: Printer | None, stack: LayerStack) -> str:

@@ -49,8 +49,7 @@ def draw_paths(layer: LayerPaths, *, title: str = "") -> Drawing:
     for path in layer.paths:
         on_page = place(path.points_mm)
         colour = COLOURS.get(path.kind, OTHER)
-        starts = np.flatnonzero(np.diff(path.width_mm, prepend=-1.0))
-        for a, b in zip(starts, [*starts[1:], len(path.width_mm)], strict=True):
+        for a, b in path.stretches():
             drawing.line(on_page[a : b + 1], float(path.width_mm[a]) * scale, colour)
     for path in layer.paths:
         drawing.line(place(path.points_mm), 1, "#20242b")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Indices = NDArray[np.int64]
 
 
-BRIDGE_MM = 0.01  # half the width of a bridge between rings that touch: far below any bead, above rounding
+BRIDGE_MM = 0.01  # at most half the width of a bridge between rings that touch: below any bead, above rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,24 +35,26 @@ class Slab:
 
 
 def slabs(contours: Contours) -> Iterator[tuple[list[Layer], Slab | None]]:
-    """The layers of each slab, and the slab (None where they are empty), from the bottom up."""
+    """The layers (without pixels) of each slab, and the slab (None where they are empty), from the bottom up."""
+    bridge_mm = min(BRIDGE_MM, min(contours.stack.pixel_mm) / 4)
     below: list[Layer] = []
+    last: Layer | None = None
     outlines: MultiPolygon | None = None
     for layer, polygons in contours.each():
-        alike = bool(below) and below[-1].z_mm[1] == layer.z_mm[0] and np.array_equal(below[-1].rows, layer.rows)
+        alike = last is not None and last.z_mm[1] == layer.z_mm[0] and np.array_equal(last.rows, layer.rows)
         if not alike and outlines is not None:
-            yield below, _slab(outlines, below[0].z_mm[0], below[-1].z_mm[1])
+            yield below, _slab(outlines, below[0].z_mm[0], below[-1].z_mm[1], bridge_mm)
             below = []
-        below.append(layer)
-        outlines = polygons
+        below.append(layer.without_pixels())
+        last, outlines = layer, polygons
     if outlines is not None:
-        yield below, _slab(outlines, below[0].z_mm[0], below[-1].z_mm[1])
+        yield below, _slab(outlines, below[0].z_mm[0], below[-1].z_mm[1], bridge_mm)
 
 
-def _slab(outlines: MultiPolygon, bottom_mm: float, top_mm: float) -> Slab | None:
+def _slab(outlines: MultiPolygon, bottom_mm: float, top_mm: float, bridge_mm: float) -> Slab | None:
     import shapely
 
-    polygons = shapely.get_parts(_bridged(outlines))
+    polygons = shapely.get_parts(_bridged(outlines, bridge_mm))
     if not len(polygons):
         return None
     corners, owner = _triangles(polygons)
@@ -77,7 +79,7 @@ def _slab(outlines: MultiPolygon, bottom_mm: float, top_mm: float) -> Slab | Non
     return Slab(vertices, np.concatenate(faces))
 
 
-def _bridged(outlines: MultiPolygon) -> MultiPolygon:
+def _bridged(outlines: MultiPolygon, bridge_mm: float) -> MultiPolygon:
     """The outlines with a tiny bridge wherever rings touch at a corner.
 
     There four walls would share one upright edge, and slic3r 1.3 drops the whole part that it is on.
@@ -91,7 +93,7 @@ def _bridged(outlines: MultiPolygon) -> MultiPolygon:
     corners = unique[times > 1]
     if not len(corners):
         return outlines
-    bridges = shapely.buffer(shapely.points(corners), BRIDGE_MM, quad_segs=1)
+    bridges = shapely.buffer(shapely.points(corners), bridge_mm, quad_segs=1)
     joined = shapely.union_all([outlines, *bridges])
     return shapely.orient_polygons(joined)
 

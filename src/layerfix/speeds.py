@@ -17,6 +17,8 @@ from layerfix.toolpaths.beads import (
     SPARSE,
     TOP,
     LayerPaths,
+    Path,
+    overlap_mm,
     section_mm2,
 )
 
@@ -76,18 +78,22 @@ class Speeds:
         most = self.printer.max_volumetric_speed_mm3_s or math.inf
         return np.minimum(wanted, most / np.asarray(section_mm2))
 
-    def seconds(self, layer: LayerPaths, *, first_layer: bool) -> float:
-        """How long a layer takes at full speed: every path and travel from standstill to standstill."""
+    def path_mm_s(self, path: Path, layer_mm: float, *, first_layer: bool, slowed: float = 1.0) -> Floats:
+        """Speed of each piece of a path; `slowed` multiplies it, but not below LEAST_MM_S."""
+        fast = self.bead_mm_s(path.kind, section_mm2(path.width_mm, layer_mm), first_layer=first_layer)
+        return np.maximum(fast * slowed, np.minimum(fast, LEAST_MM_S))
+
+    def seconds(self, layer: LayerPaths, *, first_layer: bool, slowed: float = 1.0) -> float:
+        """How long a layer takes: every path and travel from standstill to standstill."""
         acceleration = self.value("acceleration_mm_s2")
         travel = self.value("travel_mm_s")
         total = 0.0
         for path in layer.paths:
-            speed = self.bead_mm_s(path.kind, section_mm2(path.width_mm, layer.layer_mm), first_layer=first_layer)
+            speed = self.path_mm_s(path, layer.layer_mm, first_layer=first_layer, slowed=slowed)
             total += float((path.lengths_mm / speed).sum()) + float(speed.mean()) / acceleration
-        for before, after in zip(layer.paths[:-1], layer.paths[1:], strict=True):
-            way = float(np.hypot(*(after.points_mm[0] - before.points_mm[-1])))
+        for way in layer.travels_mm():
             top = min(travel, math.sqrt(way * acceleration))
-            total += way / travel + top / acceleration if way else 0.0
+            total += way / top + top / acceleration if way else 0.0
             if way > self.value("retract_before_travel_mm"):
                 total += 2 * self.value("retract_mm") / self.value("retract_mm_s")
         return total
@@ -100,7 +106,7 @@ class Speeds:
         A layer's beads are `perimeters` loops along its outlines and infill of `density` in the rest of its area.
         """
         layer_mm = widths.z_mm[:, 1] - widths.z_mm[:, 0]
-        spacing = width_mm - layer_mm * (1 - math.pi / 4)
+        spacing = width_mm - overlap_mm(1.0) * layer_mm
         section = spacing * layer_mm
         loops = np.minimum(perimeters * widths.outline_mm, widths.area_mm2 / spacing)
         outer = np.minimum(widths.outline_mm, loops)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 
-from layerfix.bits import pack, unpack, words_for
+from layerfix.bits import mirrored, pack, unpack, words_for
 from layerfix.errors import InputError
 from layerfix.units import one_or_two
 
@@ -79,6 +79,10 @@ class Layer:
     @property
     def height(self) -> int:
         return len(self.rows)
+
+    def without_pixels(self) -> Layer:
+        """What is known of the layer, to be kept for every layer of a stack."""
+        return replace(self, rows=self.rows[:0].copy(), source=None)
 
     def image(self) -> Image:
         """(H, W) bool, row 0 at the back of the build plate (largest y)."""
@@ -182,9 +186,13 @@ class LayerStack(Sequence[Layer]):
             repeats = self.repeats[index].copy() if self.repeats is not None and chosen.step == 1 else None
             if repeats is not None and len(repeats):
                 repeats[0] = False
-            return replace(
-                self, z_mm=self.z_mm[index], make=lambda i: make(chosen[i]), repeats=repeats, container=None
-            )
+            axes = self.container.mirror if self.container is not None else ""
+
+            def seen_from_above(i: int) -> Layer:
+                layer = make(chosen[i])
+                return replace(layer, rows=mirrored(layer.rows, layer.width, axes), source=None) if axes else layer
+
+            return replace(self, z_mm=self.z_mm[index], make=seen_from_above, repeats=repeats, container=None)
         if not -len(self) <= index < len(self):
             raise IndexError(f"layer {index} of {len(self)}")
         return self.make(index % len(self))
@@ -220,9 +228,9 @@ class LayerStack(Sequence[Layer]):
         yield from _in_threads(lambda i: use(make(i)), first_alike, workers)
 
     def each_with_neighbours(
-        self, use: Callable[[Sequence[Layer], Layer, Sequence[Layer]], Result], *, below: int, above: int
+        self, use: Callable[[int, Sequence[Layer], Layer, Sequence[Layer]], Result], *, below: int, above: int
     ) -> Generator[Result]:
-        """Yield use(layers below, layer, layers above) of every layer in order, nearest neighbours last and first.
+        """Yield use(index, layers below, layer, layers above) of every layer in order, all from the bottom up.
 
         At the ends there are fewer. Every layer is made once; threads, order and memory are as in `each`.
         """
@@ -232,7 +240,7 @@ class LayerStack(Sequence[Layer]):
         def work(i: int) -> Result:
             first, stop = max(i - below, 0), min(i + above + 1, len(self))
             around = [made(k) for k in range(first, stop)]
-            return use(around[: i - first], around[i - first], around[i - first + 1 :])
+            return use(i, around[: i - first], around[i - first], around[i - first + 1 :])
 
         yield from _in_threads(work, list(range(len(self))), workers)
 

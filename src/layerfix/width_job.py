@@ -14,7 +14,7 @@ from layerfix.bands import banded
 from layerfix.correction import correct
 from layerfix.drawings import SUFFIXES as DRAWINGS
 from layerfix.errors import InputError, OutputError
-from layerfix.files import check_target
+from layerfix.files import check_apart, check_target
 from layerfix.formats import write
 from layerfix.formats.width_files import SLICERS, table, write_csv, write_json, write_width_3mf
 from layerfix.job import Options, open_part
@@ -99,6 +99,9 @@ def suggest(
         _check(path, source, options.force)
         if targets.count(path) > 1:
             raise OutputError(f"{path}: is named twice; every output needs a name of its own")
+    px, py = options.pixel_mm or printer.pixel_mm
+    if abs(px - py) > 1e-9 * px and any(path.suffix.lower() == ".gcode" for path in targets):
+        raise InputError(f"pixels of {format_mm(px)} × {format_mm(py)}: G-code needs square pixels; use one pitch")
     mesh, stack = open_part(source, replace(options, min_feature_mm=options.min_feature_mm or low))
     stack = stack.with_workers(options.workers)
     suggested = suggest_widths(stack, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm)
@@ -106,16 +109,16 @@ def suggest(
     height_mm = 5 * layer_mm if wanted.band_height_mm is None else wanted.band_height_mm
     chosen = banded(suggested, wanted.bands, min_height_mm=height_mm)
     summary = _add_up(source, targets, suggested, chosen, printer, settings.width_mm, started)
+    told: list[str] = list(stack.notes)
     for path in targets:
-        _write(path, mesh, stack, suggested, chosen, summary, options, wanted, progress)
-    return replace(summary, seconds=time.perf_counter() - started)
+        _write(path, mesh, stack, suggested, chosen, summary, options, wanted, progress, told.append)
+    return replace(summary, seconds=time.perf_counter() - started, notes=tuple(told))
 
 
 def _check(path: Path, source: Path, force: bool) -> None:
     if path.suffix.lower() not in SUFFIXES:
         raise OutputError(f"{path}: widths are written as {' '.join(SUFFIXES)}")
-    if path.exists() and path.samefile(source):
-        raise OutputError(f"{path}: is the input; layerfix never writes to its input")
+    check_apart(path, source)
     check_target(path, force=force)
 
 
@@ -129,6 +132,7 @@ def _write(
     options: Options,
     wanted: WidthOptions,
     progress: Callable[[int, int], None],
+    tell: Callable[[str], None],
 ) -> None:
     suffix, printer = path.suffix.lower(), options.printer
     assert printer is not None  # checked by `suggest`
@@ -137,7 +141,7 @@ def _write(
     elif suffix == ".gcode":
         fixed = correct(stack, min_feature_mm=summary.range_mm[0])
         write(path, fixed, printer, force=options.force, paths=options.path_settings(), width_mm=chosen.width_mm,
-              watch=lambda index, _: progress(index + 1, len(stack)))  # fmt: skip
+              watch=lambda index, _: progress(index + 1, len(stack)), tell=tell)  # fmt: skip
     elif suffix == ".csv":
         write_csv(path, table(suggested, chosen), force=options.force)
     elif suffix == ".json":

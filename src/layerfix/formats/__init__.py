@@ -58,14 +58,14 @@ class ZipKind(NamedTuple):
 
 
 FORMATS = (
+    Format(("",), "folder of PNG images", png_stack.write_folder),
+    Format((".zip",), "zip of PNG images", png_stack.write_zip),
     Format((".gcode",), "G-code", gcode.write),
     Format((".3mf",), "3MF meshes", model.write_model_3mf),
     Format((".stl",), "STL meshes", model.write_stl),
     Format((".svg",), "SVG outlines", svg.write),
     Format((".geojson",), "GeoJSON outlines", geojson.write),
     Format((".cli",), "Common Layer Interface files", common_layer.write),
-    Format(("",), "folder of PNG images", png_stack.write_folder),
-    Format((".zip",), "zip of PNG images", png_stack.write_zip),
     Format(sl1.SUFFIXES, "Prusa SL1, SL1S and M1 jobs", sl1.write),
     Format(goo.SUFFIXES, "Elegoo GOO jobs", goo.write),
     Format(chitu.PHOTON_SUFFIXES, "Photon and CBDDLP jobs", None),

@@ -23,7 +23,7 @@ def encoded(stack: LayerStack, encode: Callable[[Layer], Data], watch: Watch | N
     """Yield `encode` of every layer. once: layers that repeat the one below are not encoded again."""
 
     def work(layer: Layer) -> tuple[Data, Layer]:
-        return encode(layer), replace(layer, rows=layer.rows[:0].copy(), source=None)
+        return encode(layer), layer.without_pixels()
 
     for index, (data, facts) in enumerate(stack.each(work, once=once)):
         if watch is not None:

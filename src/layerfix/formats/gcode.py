@@ -1,7 +1,8 @@
 """G-code for Marlin, Klipper and RepRapFirmware, with the comments that PrusaSlicer writes.
 
 `;LAYER_CHANGE`, `;Z:`, `;HEIGHT:`, `;TYPE:` and `;WIDTH:` let viewers (PrusaSlicer's, OrcaSlicer's and others) colour
-the beads. The part is put in the middle of the bed. E follows from the bead's cross-section (`toolpaths.beads`).
+the beads. The stack's frame is put in the middle of the bed, its lowest solid layer on it. E follows from the bead's
+cross-section (`toolpaths.beads`).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from layerfix.errors import InputError, OutputError
 from layerfix.files import whole_file
 from layerfix.formats.polygons import upright
 from layerfix.printers import GCODE_PLACEHOLDERS
-from layerfix.speeds import LEAST_MM_S, Speeds, written_time
+from layerfix.speeds import Speeds, written_time
 from layerfix.toolpaths import LayerPaths, Path, settings_for
 from layerfix.toolpaths.beads import SKIRT, section_mm2
 from layerfix.units import format_mm
@@ -74,9 +75,8 @@ class _Machine:
         if not self.relative:
             yield "G92 E0\n"
             self.e_mm = 0.0
-        seconds = self.speeds.seconds(layer, first_layer=first)
-        slowed = self.speeds.slowed(seconds)
-        self.used.seconds += seconds / slowed
+        slowed = self.speeds.slowed(self.speeds.seconds(layer, first_layer=first))
+        self.used.seconds += self.speeds.seconds(layer, first_layer=first, slowed=slowed)
         yield from self._to_height(top)
         for path in layer.paths:
             yield from self._travel(path.points_mm[0] + self.offset_mm)
@@ -122,15 +122,14 @@ class _Machine:
         section = np.asarray(section_mm2(path.width_mm, layer_mm))
         volumes = path.lengths_mm * section
         lengths = volumes / self.filament_mm2
-        fast = self.speeds.bead_mm_s(path.kind, section, first_layer=first)
-        speeds = np.round(60 * np.maximum(fast * slowed, np.minimum(fast, LEAST_MM_S))).astype(np.int64)
+        mm_s = self.speeds.path_mm_s(path, layer_mm, first_layer=first, slowed=slowed)
+        speeds = np.round(60 * mm_s).astype(np.int64)
         es = lengths if self.relative else self.e_mm + np.cumsum(lengths)
         self.e_mm += float(lengths.sum())
         self.used.filament_mm += float(lengths.sum())
         self.used.volume_mm3 += float(volumes.sum())
         rows = np.column_stack([points, es])
-        starts = np.flatnonzero(np.diff(path.width_mm, prepend=-1.0))
-        for a, b in zip(starts, [*starts[1:], len(points)], strict=True):
+        for a, b in path.stretches():
             if path.width_mm[a] != self.width:
                 self.width = float(path.width_mm[a])
                 yield f";WIDTH:{self.width:.6g}\n"
@@ -152,33 +151,46 @@ def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
     if printer is None:
         raise OutputError(f"{path}: G-code needs the printer's nozzle, bed and speeds; give --printer")
     settings = options.paths or settings_for(printer)
-    planned = plan_toolpaths(upright(stack), settings, width_mm=options.width_mm)
+    lowest = next((k for k, layer in enumerate(stack) if layer.rows.any()), None)
+    if lowest is None:
+        raise OutputError(f"{path}: every layer is empty, so there is nothing to print")
+    widths = None if options.width_mm is None else options.width_mm[lowest:]
+    planned = plan_toolpaths(on_bed(upright(stack), lowest), settings, width_mm=widths)
     machine = _Machine(printer, bed_offset_mm(stack, printer))
     no_room = False
-    count = 0
     with whole_file(path, force=options.force) as file:
         file.write(_head(printer, stack, planned).encode())
         for index, (layer, paths) in enumerate(planned.each()):
             if options.watch is not None:
-                options.watch(index, layer)
+                options.watch(lowest + index, layer)
             if not paths.paths:
                 continue
-            count += 1
             _check_on_bed(path, paths, machine.offset_mm, printer)
-            if count == 1:
+            if index == 0:
                 paths, no_room = _without_skirt_off_the_bed(paths, machine.offset_mm, printer)
-            file.write("".join(machine.layer(paths, first=count == 1)).encode())
+            file.write("".join(machine.layer(paths, first=index == 0)).encode())
             if paths.small_parts and not machine.used.small_parts:
                 machine.used.small_z_mm = paths.z_mm[1]
             machine.used.small_parts += paths.small_parts
-            if count == 1:
+            if index == 0:
                 file.write(_after_first_layer(printer).encode())
-        if not count:
-            raise OutputError(f"{path}: every layer is empty, so there is nothing to print")
         file.write(_tail(printer, settings, machine.used, stack).encode())
     _tell(options, machine.used)
+    if stack.z_mm[lowest, 0] > 0 and options.tell is not None:
+        options.tell(f"the lowest solid layer is at z = {format_mm(stack.z_mm[lowest, 0])}; it was put on the bed")
     if no_room and options.tell is not None:
         options.tell("there is no room for a skirt on the bed, so there is none")
+
+
+def on_bed(stack: LayerStack, lowest: int) -> LayerStack:
+    """The stack from layer `lowest` on, moved down so that it begins at z = 0."""
+    drop_mm = float(stack.z_mm[lowest, 0])
+    if lowest == 0 and drop_mm == 0:
+        return stack
+    above = stack[lowest:]
+    z_mm = np.round(above.z_mm - drop_mm, 9)
+    make = above.make
+    return replace(above, z_mm=z_mm, make=lambda i: replace(make(i), z_mm=(float(z_mm[i, 0]), float(z_mm[i, 1]))))
 
 
 def _check_on_bed(path: FilePath, layer: LayerPaths, offset_mm: Floats, printer: Printer) -> None:
@@ -187,9 +199,11 @@ def _check_on_bed(path: FilePath, layer: LayerPaths, offset_mm: Floats, printer:
     room = np.array(printer.build_mm)
     if (points < 0).any() or (points > room[:2]).any() or layer.z_mm[1] > room[2] * (1 + 1e-9):
         size = np.ptp(points, axis=0)
+        fits = (size <= room[:2]).all() and layer.z_mm[1] <= room[2]
+        how = "beside the bed: the middle of the layers' frame is the middle of the bed of" if fits else "larger than"
         raise InputError(
-            f"{path}: at z = {format_mm(layer.z_mm[1])} the part is {size[0]:.4g} × {size[1]:.4g} mm, larger than"
-            f" what {printer.name} prints: {' × '.join(f'{s:.4g}' for s in printer.build_mm)} mm"
+            f"{path}: at z = {format_mm(layer.z_mm[1])} the part is {size[0]:.4g} × {size[1]:.4g} mm, {how} what"
+            f" {printer.name} prints, {' × '.join(f'{s:.4g}' for s in printer.build_mm)} mm"
         )
 
 

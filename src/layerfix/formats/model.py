@@ -7,11 +7,8 @@ the stack's own first layer and layer height: every layer's middle then lies in 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from layerfix.errors import OutputError
 from layerfix.files import whole_file
@@ -57,7 +54,7 @@ def _watched(path: Path, stack: LayerStack, options: WriteOptions) -> Iterator[S
     for layers, slab in slabs(trace_contours(upright(stack), tolerance_mm=options.tolerance_mm)):
         for layer in layers:
             if options.watch is not None:
-                options.watch(index, replace(layer, rows=np.empty((0, layer.rows.shape[1]), np.uint64)))
+                options.watch(index, layer)
             index += 1
         if slab is not None:
             solid = True

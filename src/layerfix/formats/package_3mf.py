@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.files import whole_file
+from layerfix.files import A_LONG_TIME_AGO, whole_file
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-A_LONG_TIME_AGO = (1980, 1, 1, 0, 0, 0)  # the earliest time of a zip entry: same model, same bytes
 TYPES = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
     '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
@@ -59,7 +58,7 @@ def write_3mf(
     """
     faces: list[NDArray[np.int64]] = []
     count = 0
-    with whole_file(path, force=force) as file, zipfile.ZipFile(file, "w", compresslevel=4) as z:
+    with whole_file(path, force=force) as file, zipfile.ZipFile(file, "w") as z:
         z.writestr(_entry("[Content_Types].xml"), TYPES)
         z.writestr(_entry("_rels/.rels"), RELATIONS)
         with z.open(_entry("3D/3dmodel.model"), "w", force_zip64=True) as model:

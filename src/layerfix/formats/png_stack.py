@@ -19,7 +19,7 @@ import numpy as np
 
 from layerfix.bits import mirrored
 from layerfix.errors import InputError
-from layerfix.files import reading, whole_file, whole_folder
+from layerfix.files import A_LONG_TIME_AGO, reading, whole_file, whole_folder
 from layerfix.formats.encoding import axes_to_mirror, encoded
 from layerfix.formats.png import SIGNATURE, encode_png
 from layerfix.formats.png_decode import decode_png
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 TEXT_KEY = "layerfix"
 LARGEST_IMAGE = 1 << 30  # bytes of one PNG file
 HEAD_BYTES = 1024  # IHDR, pHYs and our tEXt come first and are shorter than this
-A_LONG_TIME_AGO = (1980, 1, 1, 0, 0, 0)  # the earliest time of a zip entry: same layers, same bytes
 
 
 class Source(NamedTuple):

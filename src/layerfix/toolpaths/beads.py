@@ -57,6 +57,11 @@ class Path:
         along = np.diff(self.points_mm, axis=0)
         return np.hypot(along[:, 0], along[:, 1])
 
+    def stretches(self) -> list[tuple[int, int]]:
+        """(first, past the last) piece of each stretch of one width."""
+        starts = np.flatnonzero(np.diff(self.width_mm, prepend=np.nan) != 0).tolist()
+        return list(zip(starts, [*starts[1:], len(self.width_mm)], strict=True))
+
     def reversed(self) -> Path:
         """The same bead laid from its end."""
         return Path(self.points_mm[::-1], self.width_mm[::-1], self.kind)
@@ -86,7 +91,7 @@ class LayerPaths:
         """Of all beads."""
         return float(sum((p.lengths_mm * section_mm2(p.width_mm, self.layer_mm)).sum() for p in self.paths))
 
-    def travel_mm(self) -> float:
+    def travels_mm(self) -> list[float]:
         """From the end of each path to the start of the next."""
         ends = [(a.points_mm[-1], b.points_mm[0]) for a, b in zip(self.paths[:-1], self.paths[1:], strict=True)]
-        return float(sum(np.hypot(*(b - a)) for a, b in ends))
+        return [float(np.hypot(*(b - a))) for a, b in ends]

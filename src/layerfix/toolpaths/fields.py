@@ -223,11 +223,11 @@ def level_loops(field, level, high):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    types.void(MUTABLE_FIELD, FIELD, ROWS, types.float32, types.float32, types.float32, types.float32),
+    types.void(MUTABLE_FIELD, FIELD, ROWS, types.float32, types.float32, types.float32),
     cache=True,
     nogil=True,
 )
-def half_spacings(half, local, thick, usual, one, two, elsewhere):  # type: ignore[no-untyped-def]
+def half_spacings(half, local, thick, one, two, elsewhere):  # type: ignore[no-untyped-def]
     """half = half the spacing of the ring's bead: `elsewhere` where it is thick or nothing is known; where the
     thickness `local` is under `one` no loop fits; up to `two` it holds two beads, else three."""
     for y in range(half.shape[0]):

@@ -132,8 +132,14 @@ def join_lines(field, lines, longest, least):  # type: ignore[no-untyped-def]
     return points[:n].copy(), starts[: chains + 1].copy()
 
 
-def rectilinear(field: NDArray[np.float32], angle: float, spacing_px: float, least: float) -> list[Floats]:
-    """Zigzags of lines `spacing_px` apart where the field is above 0: a list of (n, 2) points in px."""
-    lines = scan(field, angle, spacing_px, 0.5 * spacing_px)
+def rectilinear(
+    field: NDArray[np.float32], angle: float, spacing_px: float, least: float, corner_px: Floats
+) -> list[Floats]:
+    """Zigzags of lines `spacing_px` apart where the field is above 0: a list of (n, 2) points in px.
+
+    corner_px  where the field's pixel (0, 0) lies in a frame in which the lines are the same for all layers
+    """
+    across = -math.sin(angle) * corner_px[0] + math.cos(angle) * corner_px[1]
+    lines = scan(field, angle, spacing_px, float((0.5 * spacing_px - across) % spacing_px))
     points, starts = join_lines(field, lines, 2.2 * spacing_px, least)
     return [points[a:b] for a, b in pairwise(starts)]

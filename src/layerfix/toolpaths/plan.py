@@ -175,7 +175,7 @@ def plan_layer(
             if rest.any():  # the lines of two regions end a pixel apart, or both would turn on their border
                 where = where & ~dilate(rest, remaining.shape[1], (1.0, 1.0))
             field = field_within(remaining, where & body, np.float32((0.5 - INFILL_OVERLAP) * beads.usual))
-            for points in rectilinear(field, turn, beads.usual / density / pixel_mm, -0.3 * beads.usual):
+            for points in rectilinear(field, turn, beads.usual / density / pixel_mm, -0.3 * beads.usual, corner):
                 if _length(points) * pixel_mm > width_mm / 2:
                     add(np.column_stack([points, np.full(len(points), beads.usual)]), kind)
     return paths
@@ -209,7 +209,7 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
     _paint_lobes(local, remaining, thick, beads, pixel_mm)
     paint_ends(local, skeleton, rows, columns, thickness, radius_px)
-    half_spacings(half, local, thick, usual, np.float32(beads.one), np.float32(2 * beads.widest), usual)
+    half_spacings(half, local, thick, np.float32(beads.one), np.float32(2 * beads.widest), usual)
     smooth = np.asarray(cv2.GaussianBlur(remaining, (0, 0), SMOOTH_PX), np.float32)
     copy_outside(remaining, thick, smooth)
     inside = bits_higher(smooth, half)
@@ -284,9 +284,9 @@ def _open_parts(
     open_rows = uncovered(above[: settings.top_layers], settings.top_layers) | uncovered(
         lower, settings.bottom_layers
     )
-    if np.array_equal(open_rows, layer.rows):
-        return open_rows, roof
     sliver, reach = (bead_px / 2, bead_px / 2), (bead_px, bead_px)
+    if np.array_equal(open_rows, layer.rows):
+        return open_rows, opened(roof, layer.width, reach)
     return (
         dilate(opened(open_rows, layer.width, sliver), layer.width, reach),
         opened(roof, layer.width, reach),

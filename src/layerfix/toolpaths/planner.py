@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from layerfix.stack import Layer, LayerStack
+
+
+GAP_MM = 1e-4  # between two layers; less is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +46,9 @@ class Toolpaths(Sequence[LayerPaths]):
 
     def each(self) -> Generator[tuple[Layer, LayerPaths]]:
         """(layer without its pixels, its paths) in order."""
-        index = {z: k for k, z in enumerate(self.stack.z_mm[:, 0].tolist())}
 
-        def plan(below: Sequence[Layer], layer: Layer, above: Sequence[Layer]) -> tuple[Layer, LayerPaths]:
-            paths = self._plan(index[layer.z_mm[0]], below, layer, above)
-            return replace(layer, rows=layer.rows[:0].copy(), source=None), paths
+        def plan(k: int, below: Sequence[Layer], layer: Layer, above: Sequence[Layer]) -> tuple[Layer, LayerPaths]:
+            return layer.without_pixels(), self._plan(k, below, layer, above)
 
         return self.stack.each_with_neighbours(plan, below=self.settings.bottom_layers, above=self._above)
 
@@ -57,6 +58,11 @@ class Toolpaths(Sequence[LayerPaths]):
 
     def _plan(self, k: int, below: Sequence[Layer], layer: Layer, above: Sequence[Layer]) -> LayerPaths:
         stack, width = self.stack, float(self.width_mm[k])
+        z = stack.z_mm  # a gap is nothing to lie on, and nothing that covers
+        apart = np.flatnonzero(z[1:, 0] - z[:-1, 1] > GAP_MM) + 1  # layers above a gap
+        touching_below = k - int(apart[apart <= k].max(initial=0))
+        touching_above = int(apart[apart > k].min(initial=len(stack))) - 1 - k
+        below, above = below[max(len(below) - touching_below, 0) :], above[:touching_above]
         paths = plan_layer(below, layer, above, settings=self.settings, pixel_mm=stack.pixel_mm[0],
                            origin_mm=stack.origin_mm, width_mm=width, index=k)  # fmt: skip
         ordered, small = arranged(paths, layer, stack, self.settings, k)

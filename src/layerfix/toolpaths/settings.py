@@ -49,6 +49,11 @@ class PathSettings:
             raise InputError(f"nozzle {self.nozzle_mm} mm: it must be above 0")
         for width in (self.width_mm, self.first_layer_width_mm or self.width_mm):
             self.check_width(width)
+        low, high = self.range_mm
+        if not 0 < low <= high < math.inf:
+            raise InputError(f"widths from {low} to {high} mm: both are above 0, the narrowest first")
+        if not 0 <= self.skirt_gap_mm < math.inf:
+            raise InputError(f"skirt gap {self.skirt_gap_mm} mm: it is 0 or more")
         if not 0 <= self.density <= 1:
             raise InputError(f"infill density {self.density:g}: it is 0 to 1 (0 % to 100 %)")
         for name in ("perimeters", "top_layers", "bottom_layers", "skirt_loops"):
