@@ -22,6 +22,7 @@ from tests.making import Run, box, contents, joined, run_layerfix, thin_part, wr
 
 PITCH = ("--pixel", "50um", "--layer", "0.1mm")
 FIX = (*PITCH, "--min-feature", "0.4mm")
+FDM = ("-p", "prusa-mk3s-0.4")
 HUGE = np.float32(3e38)
 
 
@@ -187,8 +188,40 @@ CASES = {
         file("part.step", b"ISO-10303-21;"), ("part.step", "out", *FIX), ("part.step", ".stl", ".3mf", ".zip")
     ),
     "an unknown kind of output": Case(
-        part, ("part.stl", "out.gcode", *FIX), ("out.gcode", "'.gcode'", "a folder", ".zip")
+        part, ("part.stl", "out.xyz", *FIX), ("out.xyz", "'.xyz'", "a folder", ".zip", ".gcode")
     ),
+    "standard output": Case(part, ("part.stl", "-", *FIX), ("-", "name a file")),
+    # FDM
+    "G-code as input": Case(file("part.gcode", b"G1 X1 Y1 E1\n"), ("part.gcode", "out", *FIX), ("layerfix draw",)),
+    "G-code without a printer": Case(part, ("part.stl", "out.gcode", *FIX), ("out.gcode", "--printer")),
+    "G-code for a resin printer": Case(
+        part, ("part.stl", "out.gcode", "-p", "prusa-sl1s"), ("prusa-sl1s", "nozzle")
+    ),
+    "layers above the nozzle": Case(
+        part, ("part.stl", "out.gcode", *FDM, "--layer", "0.5mm"), ("0.5 mm", "0.4 mm", "0.3 mm")
+    ),
+    "a first layer above the nozzle": Case(
+        part, ("part.stl", "out.3mf", *FDM, "--first-layer", "0.45mm"), ("0.45 mm", "0.4 mm")
+    ),
+    "a bead too wide for the nozzle": Case(
+        part, ("part.stl", "out.gcode", *FDM, "--width", "0.9mm"), ("0.9 mm", "0.34 mm to 0.8 mm")
+    ),
+    "a bead too narrow for the nozzle": Case(
+        part, ("part.stl", "out.gcode", *FDM, "--width", "0.3mm"), ("0.3 mm", "0.34 mm to 0.8 mm")
+    ),
+    "a part larger than the bed": Case(
+        sized(30), ("part.stl", "out.gcode", *FDM), ("part.stl", "360 × 210 × 105", "250 × 210 × 210")
+    ),
+    "pixels that are not square": Case(
+        part, ("part.stl", "out.gcode", *FDM, "--pixel", "50umx40um"), ("50 µm × 40 µm", "square")
+    ),
+    "pixels too coarse for the nozzle": Case(
+        part, ("part.stl", "out.gcode", *FDM, "--pixel", "0.2mm"), ("0.2 mm", "50 µm")
+    ),
+    "a tolerance above the feature": Case(
+        part, ("part.stl", "out.3mf", *FDM, "--tolerance", "0.9mm"), ("0.9 mm", "0.8 mm")
+    ),
+    "layers that are not there": Case(part, ("part.stl", "out.svg", *FDM, "--layers", "90:95"), ("part.stl", "90")),
     # Meshes
     "an empty mesh": Case(file("part.stl", b""), ("part.stl", "out", *FIX), ("part.stl",)),
     "an empty obj": Case(file("part.obj", b""), ("part.obj", "out", *FIX), ("part.obj",)),

@@ -274,7 +274,7 @@ def test_retraction_on_long_travels_only_and_undone_before_extruding(texts, name
     """As far back as the printer says, never twice, never laid with while drawn back; lifted meanwhile."""
     printer = lf.load_printer(name)
     back, retractions, long = 0.0, 0, 0
-    for move in printed(texts[name])[1:]:
+    for move in printed(texts[name]):  # the first way is retracted, too, from wherever the start code ended
         if move.length == 0 and move.e_mm < 0:
             assert back == 0
             assert move.e_mm == pytest.approx(-printer.retract_mm, abs=2e-5)
@@ -288,7 +288,7 @@ def test_retraction_on_long_travels_only_and_undone_before_extruding(texts, name
             assert back == 0
         elif move.length > 0:
             assert move.e_mm == 0
-            if move.layer > 0 or retractions:
+            if move.layer > 0 or retractions > 1:
                 lifted = printer.retract_lift_mm or 0
                 if move.length > printer.retract_before_travel_mm + 1e-3:
                     long += 1
@@ -774,3 +774,11 @@ def test_widths_from_e_use_the_height_of_their_layer(tmp_path):
     (tmp_path / "a.gcode").write_text("\n".join(lines))
     for layer in read_gcode(tmp_path / "a.gcode"):
         assert layer.paths[0].width_mm == pytest.approx([0.4], abs=1e-4)
+
+
+@each_printer
+def test_the_first_way_goes_at_the_height_of_the_start_code(texts, name):
+    """Retracted, sideways, down, and only then on: not across the bed at the height of the first layer."""
+    lines = texts[name].partition(";LAYER_CHANGE")[2].splitlines()
+    moves = [line for line in lines if line.startswith("G1 ")][:4]
+    assert [re.sub(r"[-\d.]+", "", move) for move in moves] == ["G E F", "G X Y F", "G Z F", "G E F"]

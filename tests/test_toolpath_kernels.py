@@ -15,21 +15,21 @@ from skimage.measure import find_contours
 from skimage.morphology import thin
 
 from layerfix.bits import pack
+from layerfix.toolpaths.chains import needed_points, trace_lines
 from layerfix.toolpaths.fields import (
+    BESIDE_MM,
     NO_LEVEL,
     bits_above,
     bits_higher,
     copy_outside,
     field_within,
     half_spacings,
-    level_loops,
-    needed_points,
     paint_balls,
     pixels_of,
     take_off,
-    trace_lines,
 )
 from layerfix.toolpaths.infill import join_lines, rectilinear, scan
+from layerfix.toolpaths.level_sets import level_loops
 from tests.pictures_as_text import images
 
 seeds = st.integers(0, 2**32 - 1)
@@ -113,10 +113,11 @@ def test_copy_outside(seed, height, width):
 
 @given(seeds, heights, widths, st.floats(-0.5, 0.5))
 def test_field_within(seed, height, width, level):
-    """The field less a level on some pixels, -1 on the others."""
+    """The field less a level on some pixels; -1 on the others, but hardly below 0 where it is above the level."""
     field, where = field_of(seed, height, width), mask_of(seed, height, width)
-    expected = np.where(where, field - np.float32(level), np.float32(-1))
-    assert np.array_equal(field_within(field, pack(where), np.float32(level)), expected)
+    level = np.float32(level)
+    expected = np.where(where, field - level, np.where(field > level, BESIDE_MM, np.float32(-1)))
+    assert np.array_equal(field_within(field, pack(where), level), expected)
 
 
 @given(seeds, heights, widths, st.integers(0, 12))

@@ -55,6 +55,9 @@ def _run() -> int:
     except BrokenPipeError:
         sys.stderr.close()  # the reader of a pipe has gone; there is nobody to tell
         return 1
+    except OSError as problem:  # the library's own are LayerfixErrors; what is left is the terminal, or where it goes
+        sys.stderr.write(f"layerfix: the output could not be printed: {(problem.strerror or str(problem)).lower()}\n")
+        sys.stdout = None  # or Python would try again at the end
     return 2
 
 

@@ -61,14 +61,15 @@ class Range(click.ParamType[tuple[int, int]]):
 
 
 class Percent(click.ParamType[float]):
-    """``20%`` or ``0.2``, as 0.2."""
+    """``20%``, ``20`` or ``0.2``, as 0.2."""
 
     name = "percent"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         text = str(value).strip()
         try:
-            share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+            share = float(text.removesuffix("%"))
+            share /= 100 if text.endswith("%") or share > 1 else 1
         except ValueError:
             self.fail(f"'{value}' is not a share: write 20%, or 0.2", param, ctx)
         if not 0 <= share <= 1:

@@ -122,6 +122,7 @@ def fix(
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
     writer_for(target, stack)
+    told = _doubts(options, paths, min_feature_mm)
     fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.workers)
     done: list[Layer] = []
 
@@ -129,7 +130,6 @@ def fix(
         done.append(layer)
         progress(index + 1, len(fixed))
 
-    told: list[str] = []
     write(target, fixed, options.printer, force=options.force, bits=options.bits, watch=watch, ascii=options.ascii,
           tolerance_mm=options.tolerance_mm, paths=paths, tell=told.append)  # fmt: skip
     summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
@@ -288,6 +288,22 @@ def _add_up(
         most_changed_layer=turned.index(max(turned)) if turned else 0,
         notes=(*stack.notes, *_empty_layers(done), *told),
     )
+
+
+def _doubts(options: Options, paths: PathSettings | None, min_feature_mm: float) -> list[str]:
+    """A word about what was asked for and is allowed, but may not be what is wanted."""
+    doubts = []
+    if options.tolerance_mm is not None and options.tolerance_mm > min_feature_mm / 4:
+        doubts.append(
+            f"a tolerance of {format_mm(options.tolerance_mm)} is much for a minimum feature of"
+            f" {format_mm(min_feature_mm)}: outlines may come out thinner than it"
+        )
+    if paths is not None and min_feature_mm < paths.range_mm[0] * (1 - 1e-9):
+        doubts.append(
+            f"a minimum feature of {format_mm(min_feature_mm)} is below the narrowest bead of the nozzle,"
+            f" {format_mm(paths.range_mm[0])}"
+        )
+    return doubts
 
 
 def _empty_layers(done: list[Layer]) -> list[str]:

@@ -209,6 +209,14 @@ def lines_of(summary: WidthSummary) -> list[tuple[str, str]]:
         change = 100 * (summary.seconds_after / seconds - 1) if seconds else 0.0
         rows.append(("", f"{change:+.1f} % against {format_mm(width)} everywhere ({written_time(seconds)})"))
     rows.append(("limit", summary.limit))
+    if summary.seconds_after > 0.995 * summary.seconds_before:
+        rows.append(
+            (
+                "advice",
+                f"not worth it: {format_mm(summary.usual_width_mm)} everywhere is as fast."
+                + (" Correct the thin layers first (layerfix fix)" if summary.too_thin else ""),
+            )
+        )
     rows += [("note", note) for note in summary.notes]
     rows += [("written", target) for target in summary.targets]
     return rows

@@ -48,6 +48,7 @@ class Format(NamedTuple):
     suffixes: tuple[str, ...]
     name: str
     write: Callable[[Path, LayerStack, WriteOptions], None] | None
+    reads: bool = True
 
 
 class ZipKind(NamedTuple):
@@ -60,12 +61,12 @@ class ZipKind(NamedTuple):
 FORMATS = (
     Format(("",), "folder of PNG images", png_stack.write_folder),
     Format((".zip",), "zip of PNG images", png_stack.write_zip),
-    Format((".gcode",), "G-code", gcode.write),
-    Format((".3mf",), "3MF meshes", model.write_model_3mf),
-    Format((".stl",), "STL meshes", model.write_stl),
-    Format((".svg",), "SVG outlines", svg.write),
-    Format((".geojson",), "GeoJSON outlines", geojson.write),
-    Format((".cli",), "Common Layer Interface files", common_layer.write),
+    Format(gcode.SUFFIXES, "G-code", gcode.write, False),
+    Format((".3mf",), "3MF meshes", model.write_model_3mf, False),
+    Format((".stl",), "STL meshes", model.write_stl, False),
+    Format((".svg",), "SVG outlines", svg.write, False),
+    Format((".geojson",), "GeoJSON outlines", geojson.write, False),
+    Format((".cli",), "Common Layer Interface files", common_layer.write, False),
     Format(sl1.SUFFIXES, "Prusa SL1, SL1S and M1 jobs", sl1.write),
     Format(goo.SUFFIXES, "Elegoo GOO jobs", goo.write),
     Format(chitu.PHOTON_SUFFIXES, "Photon and CBDDLP jobs", None),
@@ -93,9 +94,9 @@ BINARY_KINDS = (BinaryKind(goo.recognises, goo.read), BinaryKind(chitu.recognise
 HEAD_BYTES = 16
 
 
-def known_suffixes() -> str:
-    """For messages: ``a folder, .zip``."""
-    return ", ".join(suffix or "a folder" for f in FORMATS for suffix in f.suffixes)
+def known_suffixes(*, read: bool = False) -> str:
+    """For messages: ``a folder, .zip``; of all that is written, or that layers are read from."""
+    return ", ".join(suffix or "a folder" for f in FORMATS if f.reads or not read for suffix in f.suffixes)
 
 
 def read(
@@ -139,7 +140,7 @@ def read(
         return next(kind for kind in ZIP_KINDS if kind.recognises(archive)).read(archive, hints)
     raise InputError(
         f"{path}: not a file that layerfix knows; it reads meshes ({' '.join(MESH_SUFFIXES)}), and layers from"
-        f" {known_suffixes()}"
+        f" {known_suffixes(read=True)}"
     )
 
 
@@ -147,6 +148,8 @@ def refusal(path: Path, head: bytes) -> str | None:
     """Why a recognised kind of file is not read, and what to do instead."""
     if head[:4] == chitu.ENCRYPTED.to_bytes(4, "little"):
         kind = "an encrypted CTB"
+    elif path.suffix.lower() in gcode.SUFFIXES:
+        return f"{path}: G-code is not corrected, only drawn: `layerfix draw {path} layer.png`"
     elif head[:8] == b"ANYCUBIC" or path.suffix.lower() == ".pwsz":
         kind = "one of Anycubic's own formats"
     else:
@@ -209,6 +212,8 @@ def writer_for(path: Path, stack: LayerStack) -> Callable[[Path, LayerStack, Wri
 
 def format_for(path: Path) -> Format:
     """The format that the suffix of an output names."""
+    if path.name == "-":
+        raise OutputError("-: layers are not written to standard output; name a file")
     suffix = path.suffix.lower()
     for known in FORMATS:
         if suffix in known.suffixes:

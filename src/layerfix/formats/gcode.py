@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+SUFFIXES = (".gcode",)
+
+
 @dataclass
 class _Used:
     """What has been laid so far."""
@@ -83,10 +86,10 @@ class _Machine:
             yield from self._bead(path, layer.layer_mm, first, slowed)
 
     def _to_height(self, z_mm: float) -> Iterator[str]:
-        if self.at is not None:
-            yield from self._retract()
+        yield from self._retract()
         self.z_mm = z_mm
-        yield f"G1 Z{z_mm:.6g} F{60 * self.speeds.value('travel_mm_s'):.0f}\n"
+        if self.at is not None:  # else the start code has left the nozzle above the bed, and there it stays for now
+            yield f"G1 Z{z_mm:.6g} F{60 * self.speeds.value('travel_mm_s'):.0f}\n"
 
     def _retract(self) -> Iterator[str]:
         length = self.speeds.value("retract_mm")
@@ -107,9 +110,9 @@ class _Machine:
             self.speed = 0
         if self.retracted:
             length = self.speeds.value("retract_mm")
-            if lift:
+            if lift or self.at is None:
                 yield f"G1 Z{self.z_mm:.6g} F{speed:.0f}\n"
-            if length and self.at is not None:
+            if length:
                 yield f"G1 {self.extrude(length)} F{60 * self.speeds.value('retract_mm_s'):.0f}\n"
             self.retracted, self.speed = False, 0
         self.at = to

@@ -1,7 +1,7 @@
 """Toolpaths: from corrected layers to the beads that an FDM printer lays.
 
-`planner` is the way in: it plans each layer (`plan`, with the kernels of `fields`, `lines` and `infill`) and puts its
-paths in order (`arrange`, `order`). What is imported here loads no kernels.
+`planner` is the way in: it plans each layer (`plan`, with the kernels of `fields`, `level_sets`, `chains`, `lines`
+and `infill`) and puts its paths in order (`arrange`, `order`). What is imported here loads no kernels.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.toolpaths.fields import trace_lines
+from layerfix.toolpaths.chains import trace_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,7 +50,7 @@ def bead_lines(
         spacing, chain = facts[:, 0], chain + facts[:, 1:] / pixel_mm
         extent_px = np.ptp(chain, axis=0).max() if _ring(chain) else len(chain)
         if (all(ends) or _ring(chain)) and extent_px * pixel_mm < max(spacing.max(), narrowest_mm) / 2:
-            if dots or spacing.max() >= narrowest_mm:
+            if dots or spacing.max() >= 1.25 * narrowest_mm:
                 beads.append(_dot(chain.mean(axis=0), float(spacing.max()), narrowest_mm, pixel_mm))
             continue
         line = np.column_stack([_smoothed(chain[:, 0]), _smoothed(chain[:, 1]), _smoothed(spacing)])

@@ -29,6 +29,7 @@ from layerfix.flood import flood
 from layerfix.morphology import dilate, opened
 from layerfix.skeleton import thinned_rows
 from layerfix.toolpaths.beads import EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
+from layerfix.toolpaths.chains import needed_points
 from layerfix.toolpaths.fields import (
     NO_LEVEL,
     bits_above,
@@ -37,9 +38,7 @@ from layerfix.toolpaths.fields import (
     copy_outside,
     field_within,
     half_spacings,
-    level_loops,
     middles,
-    needed_points,
     paint_balls,
     paint_ends,
     pixels_of,
@@ -47,6 +46,7 @@ from layerfix.toolpaths.fields import (
     to_edge_mm,
 )
 from layerfix.toolpaths.infill import rectilinear
+from layerfix.toolpaths.level_sets import level_loops
 from layerfix.toolpaths.lines import bead_lines
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ TURNS = 160  # small loops get a finer tolerance, their length over this: or rou
 # Loops follow the blurred distance: by itself it ripples by 0.3 px along stairs of pixels. Where it is thin blurring
 # would move them.
 SMOOTH_PX = 1.5
+BORDER_PX = 0.95  # lines reach so far past the last pixel of their region
 WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
 WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
@@ -102,6 +103,35 @@ class Ring:
     thick: Rows
 
 
+@dataclass(frozen=True)
+class _Sheet:
+    """What all paths of a layer share: its bordered box in the frame, and how a bead becomes a path in mm."""
+
+    box: tuple[int, int, int, int]
+    beads: Beads
+    settings: PathSettings
+    pixel_mm: float
+    origin_mm: tuple[float, float]
+    width_mm: float
+
+    @property
+    def corner_px(self) -> Floats:
+        """The middle of pixel (0, 0) of the bordered box, from the frame's corner."""
+        return np.array([64 * (self.box[2] - 1) + 0.5, self.box[0] - 0.5])
+
+    def path(self, points: Floats, kind: str) -> list[Path]:
+        """(n, 3) x, y in px and spacing in mm, simplified: one path, or none if nothing is left of it."""
+        tolerance_px = min(TOLERANCE_PX, _length(points) / TURNS)
+        kept = points[needed_points(points * np.array([1, 1, WIDTH_SHARE / self.pixel_mm]), tolerance_px)]
+        if len(kept) < 3 and (kept[0, :2] == kept[-1, :2]).all():
+            return []
+        widths = (kept[1:, 2] + kept[:-1, 2]) / 2 + self.beads.overlap
+        steps = self.width_mm + WIDTH_STEP_MM * np.round((widths - self.width_mm) / WIDTH_STEP_MM)
+        scale = np.array([self.pixel_mm, -self.pixel_mm])
+        points_mm = (kept[:, :2] + self.corner_px) * scale + np.array(self.origin_mm)
+        return [Path(points_mm, np.clip(np.round(steps, 4), *self.settings.range_mm), kind)]
+
+
 def plan_layer(
     below: Sequence[Layer],
     layer: Layer,
@@ -122,63 +152,87 @@ def plan_layer(
     extra = overlap_mm(layer.z_mm[1] - layer.z_mm[0])
     low, high = settings.range_mm
     beads = Beads(width_mm - extra, low - extra, high - extra, extra)
+    sheet = _Sheet(box, beads, settings, pixel_mm, origin_mm, width_mm)
     image = unpack(bordered(layer.rows, box), 64 * (box[3] - box[2] + 2)).view(np.uint8)
     remaining: Field = np.asarray(cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
     to_edge_mm(remaining, np.float32(pixel_mm), np.float32(extra / 2))
+    paths, body = _rings(sheet, remaining)
+    if body.any():
+        open_parts = _open_parts(below, layer, above, settings, beads.usual / pixel_mm)
+        paths += _infill(sheet, remaining, body, open_parts, index)
+    return paths
 
-    corner = np.array([64 * (box[2] - 1) + 0.5, box[0] - 0.5])  # the middle of pixel (0, 0) of the bordered box
 
-    def in_mm(points: Floats) -> Floats:
-        scaled: Floats = (points + corner) * np.array([pixel_mm, -pixel_mm]) + np.array(origin_mm)
-        return scaled
-
+def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
+    """(perimeters, single beads and gap fill; where infill goes, packed). `remaining` is written."""
     paths: list[Path] = []
-
-    def add(points: Floats, kind: str) -> None:
-        """A polyline of x, y in px and spacing in mm, simplified."""
-        tolerance_px = min(TOLERANCE_PX, _length(points) / TURNS)
-        kept = points[needed_points(points * np.array([1, 1, WIDTH_SHARE / pixel_mm]), tolerance_px)]
-        if len(kept) < 3 and (kept[0, :2] == kept[-1, :2]).all():
-            return
-        widths = (kept[1:, 2] + kept[:-1, 2]) / 2 + extra
-        steps = width_mm + WIDTH_STEP_MM * np.round((widths - width_mm) / WIDTH_STEP_MM)
-        paths.append(Path(in_mm(kept[:, :2]), np.clip(np.round(steps, 4), low, high), kind))
-
     half = np.empty_like(remaining)
-    for level in range(settings.perimeters):
-        ring = plan_ring(remaining, half, beads, pixel_mm, loops=True, feature=level == 0)
+    body = np.zeros((remaining.shape[0], remaining.shape[1] // 64), np.uint64)
+    for level in range(sheet.settings.perimeters):
+        ring = plan_ring(remaining, half, sheet.beads, sheet.pixel_mm, loops=True, feature=level == 0)
         for line in ring.loops:
-            add(line, EXTERNAL if level == 0 else PERIMETER)
+            paths += sheet.path(line, EXTERNAL if level == 0 else PERIMETER)
         for line in ring.chains:
-            add(line, EXTERNAL if level == 0 else GAP_FILL)
-        take_off(remaining, half, np.zeros_like(ring.thick))
-    body = np.zeros_like(ring.thick)
+            paths += sheet.path(line, EXTERNAL if level == 0 else GAP_FILL)
+        take_off(remaining, half, body)
     for _ in range(2):  # three beads in a thin place are two rounds
-        ring = plan_ring(remaining, half, beads, pixel_mm, loops=False, feature=False)
+        ring = plan_ring(remaining, half, sheet.beads, sheet.pixel_mm, loops=False, feature=False)
         for line in ring.loops + ring.chains:
-            add(line, GAP_FILL)
+            paths += sheet.path(line, GAP_FILL)
         body |= ring.thick
         if not ring.loops:
             break
         take_off(remaining, half, body)
-    if not body.any():
-        return paths
-    solid, bare = _open_parts(below, layer, above, settings, beads.usual / pixel_mm)
-    if settings.density > 1 - 1e-9:
-        solid = layer.rows
-    solid, bare = bordered(solid, box), bordered(bare, box)
+    return paths, body
+
+
+def _infill(sheet: _Sheet, remaining: Field, body: Rows, open_parts: tuple[Rows, Rows], index: int) -> list[Path]:
+    """Lines where `body` (packed) is: solid in the open parts, sparse elsewhere; turned from layer to layer."""
+    density, usual = sheet.settings.density, sheet.beads.usual
+    solid, bare = (bordered(rows, sheet.box) for rows in open_parts)
+    if density > 1 - 1e-9:
+        solid = body
+    solid &= body
+    width, half_px = remaining.shape[1], usual / 2 / sheet.pixel_mm
     turn = math.pi / 4 if index % 2 else -math.pi / 4
-    regions = ((solid & ~bare, SOLID, 1.0), (solid & bare, TOP, 1.0), (~solid, SPARSE, settings.density))
-    for where, kind, density in regions:
-        if density > 0 and (where & body).any():
-            rest = body & ~where
-            if rest.any():  # the lines of two regions end a pixel apart, or both would turn on their border
-                where = where & ~dilate(rest, remaining.shape[1], (1.0, 1.0))
-            field = field_within(remaining, where & body, np.float32((0.5 - INFILL_OVERLAP) * beads.usual))
-            for points in rectilinear(field, turn, beads.usual / density / pixel_mm, -0.3 * beads.usual, corner):
-                if _length(points) * pixel_mm > width_mm / 2:
-                    add(np.column_stack([points, np.full(len(points), beads.usual)]), kind)
+    paths: list[Path] = []
+    # Solid lines turn half a bead inside their border, so that each has its own room; sparse ones hold on to it.
+    for where, share, inset_px in ((solid, 1.0, half_px + BORDER_PX), (body & ~solid, density, 1.0)):
+        if share == 0 or not where.any():
+            continue
+        rest = body & ~where
+        if rest.any():
+            where = where & ~dilate(rest, width, (inset_px, inset_px))
+        field = field_within(remaining, where, np.float32((0.5 - INFILL_OVERLAP) * usual))
+        spacing_px = usual / share / sheet.pixel_mm
+        for points in rectilinear(field, turn, spacing_px, -0.3 * usual, sheet.corner_px):
+            if _length(points) * sheet.pixel_mm <= sheet.width_mm / 2:
+                continue
+            for part, on_top in _parted(points, bare) if share == 1.0 else [(points, False)]:
+                kind = SPARSE if share < 1.0 else TOP if on_top else SOLID
+                paths += sheet.path(np.column_stack([part, np.full(len(part), usual)]), kind)
     return paths
+
+
+def _parted(points: Floats, mask: Rows) -> list[tuple[Floats, bool]]:
+    """A polyline (n, 2) cut where it enters or leaves a mask (packed), and whether each part lies in it.
+
+    It is looked at every pixel; parts touch where they are cut.
+    """
+    steps = np.maximum(np.ceil(np.hypot(*np.diff(points, axis=0).T)).astype(np.int64), 1)
+    at = np.concatenate([np.arange(n) / n + k for k, n in enumerate(steps)] + [[float(len(steps))]])
+    x = np.interp(at, np.arange(len(points)), points[:, 0])
+    y = np.interp(at, np.arange(len(points)), points[:, 1])
+    column, row = np.rint(x).astype(np.int64), np.rint(y).astype(np.int64)
+    inside = (mask[row, column >> 6] >> (column & 63).astype(np.uint64) & np.uint64(1)).astype(np.bool_)
+    cuts = np.flatnonzero(inside[1:] != inside[:-1]) + 1
+    parts = []
+    for first, last in pairwise([0, *cuts.tolist(), len(at) - 1]):
+        corners = (at == np.floor(at)) & (np.arange(len(at)) > first) & (np.arange(len(at)) < last)
+        chosen = [first, *np.flatnonzero(corners).tolist(), last]
+        if last > first:
+            parts.append((np.column_stack([x[chosen], y[chosen]]), bool(inside[first])))
+    return parts
 
 
 def bordered(rows: Rows, box: tuple[int, int, int, int]) -> Rows:
