@@ -90,7 +90,7 @@ class Speeds:
         total = 0.0
         for path in layer.paths:
             speed = self.path_mm_s(path, layer.layer_mm, first_layer=first_layer, slowed=slowed)
-            total += float((path.lengths_mm / speed).sum()) + float(speed.mean()) / acceleration
+            total += float((path.lengths_mm / speed).sum()) + float(speed[0]) / acceleration
         for way in layer.travels_mm():
             top = min(travel, math.sqrt(way * acceleration))
             total += way / top + top / acceleration if way else 0.0

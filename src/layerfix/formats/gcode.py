@@ -78,8 +78,9 @@ class _Machine:
         if not self.relative:
             yield "G92 E0\n"
             self.e_mm = 0.0
-        slowed = self.speeds.slowed(self.speeds.seconds(layer, first_layer=first))
-        self.used.seconds += self.speeds.seconds(layer, first_layer=first, slowed=slowed)
+        seconds = self.speeds.seconds(layer, first_layer=first)
+        slowed = self.speeds.slowed(seconds)
+        self.used.seconds += seconds if slowed == 1 else self.speeds.seconds(layer, first_layer=first, slowed=slowed)
         yield from self._to_height(top)
         for path in layer.paths:
             yield from self._travel(path.points_mm[0] + self.offset_mm)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,7 +52,7 @@ class Path:
     def closed(self) -> bool:
         return bool((self.points_mm[0] == self.points_mm[-1]).all())
 
-    @property
+    @cached_property
     def lengths_mm(self) -> Floats:
         """(n − 1,) of each piece."""
         along = np.diff(self.points_mm, axis=0)
@@ -59,7 +60,8 @@ class Path:
 
     def stretches(self) -> list[tuple[int, int]]:
         """(first, past the last) piece of each stretch of one width."""
-        starts = np.flatnonzero(np.diff(self.width_mm, prepend=np.nan) != 0).tolist()
+        changes = self.width_mm[1:] != self.width_mm[:-1]
+        starts = [0, *(np.flatnonzero(changes) + 1).tolist()] if changes.any() else [0]
         return list(zip(starts, [*starts[1:], len(self.width_mm)], strict=True))
 
     def reversed(self) -> Path:
