@@ -52,11 +52,10 @@ def start_layerfix(*args: object, cwd: Path | None = None, **options: Any) -> su
         cwd=cwd,
         env=environment(**options.pop("env", {})),
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         encoding="utf-8",
-        **{"preexec_fn": heed_interrupts, **options},
+        **{"preexec_fn": heed_interrupts, "stdout": subprocess.PIPE, **options},
     )
 
 

@@ -32,6 +32,7 @@ from tests.making import (
     inside_out,
     joined,
     run_layerfix,
+    start_layerfix,
     thin_part,
     write_stl,
 )
@@ -450,3 +451,14 @@ def test_the_commands_import_nothing_heavy():
     names = {alias.name for node in tree.body if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module for node in tree.body if isinstance(node, ast.ImportFrom)}
     assert not names & {"numpy", "numba", "cv2", "trimesh", "layerfix.job", "layerfix.slicing", "layerfix.stack"}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("args", [("printers",), ("printers", "--json"), ("--help",)])
+def test_a_full_disk_behind_the_output_is_said_in_one_line(args):
+    """No traceback, exit code 2."""
+    with Path("/dev/full").open("w") as full:
+        process = start_layerfix(*args, stdout=full)
+        _, error = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert error.splitlines() == ["layerfix: the output could not be printed: no space left on device"]

@@ -579,3 +579,13 @@ def test_other_peoples_meshes_load_and_slice(row):
     stack = slice_mesh(mesh, pixel_mm=max(size) / 500, layer_mm=min(size) / 20)
     solid = [layer.count_px() for layer in stack[1:-1:4]]
     assert max(solid) > 0
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+def test_words_of_a_text_mesh_may_be_in_any_encoding(tmp_path, encoding):
+    """CAD programs write names and comments in their system's own."""
+    mesh = box([0, 0, 0], [10, 8, 5])
+    lines = ["# Größe in Zöllen", *(f"v {x} {y} {z}" for x, y, z in mesh.vertices)]
+    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    (tmp_path / "part.obj").write_bytes("\n".join(lines).encode(encoding))
+    assert load_mesh(tmp_path / "part.obj").volume_mm3 == pytest.approx(400)
