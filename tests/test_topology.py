@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from numba import njit
 from scipy import ndimage
 
-from layerfix.bits import pack
+from layerfix.bits import pack, unpack
 from layerfix.columns import bounding_box, to_columns, with_border
-from layerfix.topology import components_at, label_runs, same_topology
+from layerfix.topology import components_at, label_runs, same_topology, smaller_than
 from tests.pictures_as_text import framed, images, picture
 
 
@@ -92,3 +92,13 @@ def test_a_pixel_beside_a_component_belongs_to_the_nearest_in_its_row():
     assert found[0] == found[1] == found[4] != found[2] == found[3]
     assert sorted(areas.tolist()) == [2, 4]
     assert components_at(pack(image & False), np.array([1]), np.array([1]))[1].size == 0
+
+
+@given(images(), st.integers(0, 40))
+def test_small_components_are_picked(image, area_px):
+    """Those of fewer pixels, whole; the others not at all."""
+    labels, count = solids(image)
+    areas = np.bincount(labels[image], minlength=count + 1)
+    assert np.array_equal(
+        unpack(smaller_than(pack(image), area_px), image.shape[1]), image & (areas < area_px)[labels]
+    )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit, types
 
-from layerfix.bits import ROWS, U0, U1, U63, lowest_bit, popcount
+from layerfix.bits import ROWS, U0, U1, U63, WORK, lowest_bit, popcount
 from layerfix.columns import bounding_box, to_columns, with_border
 
 if TYPE_CHECKING:
@@ -133,6 +133,30 @@ def same_topology(solid, kept, parts, voids):  # type: ignore[no-untyped-def]
         and _each_holds(solid, kept, False)
         and _each_holds(kept, solid, True)
     )
+
+
+@njit(WORK(ROWS, types.int64), cache=True, nogil=True)
+def _smaller_than(rows, area_px):  # type: ignore[no-untyped-def]
+    out = np.zeros(rows.shape, np.uint64)
+    outer = with_border(bounding_box(rows), 0, 0)
+    runs, parent, _ = label_runs(to_columns(rows, outer), False)
+    areas = np.zeros(parent.shape[0], np.int64)
+    for k in range(parent.shape[0]):
+        areas[_root(parent, k)] += runs[k, 2] - runs[k, 1]
+    for k in range(parent.shape[0]):
+        if areas[_root(parent, k)] < area_px:
+            y, shift = runs[k, 0] + outer[0], 64 * outer[2]
+            for x in range(runs[k, 1] + shift, runs[k, 2] + shift):
+                out[y, x >> 6] |= U1 << np.uint64(x & 63)
+    return out
+
+
+def smaller_than(rows: Rows, area_px: float) -> Rows:
+    """(H, words): the components (8-connected) of a packed layer that have fewer pixels than that."""
+    if not rows.any():
+        return np.zeros_like(rows)
+    small: Rows = _smaller_than(rows, int(np.ceil(area_px)))
+    return small
 
 
 @njit(types.UniTuple(NUMBERS, 2)(ROWS, NUMBERS, NUMBERS), cache=True, nogil=True)

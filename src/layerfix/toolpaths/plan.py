@@ -48,6 +48,7 @@ from layerfix.toolpaths.fields import (
 from layerfix.toolpaths.infill import rectilinear
 from layerfix.toolpaths.level_sets import level_loops
 from layerfix.toolpaths.lines import bead_lines
+from layerfix.topology import smaller_than
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,6 +68,7 @@ TURNS = 160  # small loops get a finer tolerance, their length over this: or rou
 # would move them.
 SMOOTH_PX = 1.5
 BORDER_PX = 0.95  # lines reach so far past the last pixel of their region
+SPOT = 25.0  # thick parts of fewer square spacings than this get no infill
 WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
 WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
@@ -262,6 +264,10 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     thickness = np.ascontiguousarray(middle[:, 0])
     paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
     _paint_lobes(local, remaining, thick, beads, pixel_mm)
+    if not loops:  # a spot a little thicker than two beads is laid with them, rather than with stubs of infill
+        spots = smaller_than(thick, SPOT * (beads.usual / pixel_mm) ** 2)
+        thick &= ~spots
+        local[pixels_of(spots)] = beads.thick
     paint_ends(local, skeleton, rows, columns, thickness, radius_px)
     half_spacings(half, local, thick, np.float32(beads.one), np.float32(2 * beads.widest), usual)
     smooth = np.asarray(cv2.GaussianBlur(remaining, (0, 0), SMOOTH_PX), np.float32)
