@@ -717,6 +717,9 @@ def test_what_floats_is_put_on_the_bed(tmp_path):
     assert (tmp_path / "a.gcode").read_text().splitlines()[2:] == (tmp_path / "b.gcode").read_text().splitlines()[2:]
     assert [layer.z_mm[1] for layer in read_gcode(tmp_path / "a.gcode")] == pytest.approx([0.2, 0.4, 0.6])
     assert any("z = 0.4 mm" in line and "put on the bed" in line for line in said)
+    seen = []
+    lf.write(tmp_path / "c.gcode", stack, printer, watch=lambda index, layer: seen.append((index, layer.z_mm[0])))
+    assert seen == [(k, pytest.approx(0.2 * k)) for k in range(5)]
 
 
 def test_the_time_told_is_that_of_the_moves(tmp_path):
@@ -782,3 +785,13 @@ def test_the_first_way_goes_at_the_height_of_the_start_code(texts, name):
     lines = texts[name].partition(";LAYER_CHANGE")[2].splitlines()
     moves = [line for line in lines if line.startswith("G1 ")][:4]
     assert [re.sub(r"[-\d.]+", "", move) for move in moves] == ["G E F", "G X Y F", "G Z F", "G E F"]
+
+
+def test_a_part_beside_the_bed_is_not_called_too_large(tmp_path):
+    """It would fit, but the frame's middle is the bed's: the message says so."""
+    image = np.zeros((7000, 7000), bool)
+    image[:200, :200] = True
+    stack = LayerStack.from_images([image], pixel_mm=0.05, layer_mm=0.2)
+    with pytest.raises(InputError, match=r"9\.\d+ × 9\.\d+ mm, which fits prusa-mk3s-0\.4 .* lies beside its bed"):
+        lf.write(tmp_path / "a.gcode", stack, lf.load_printer(MK3S))
+    assert not list(tmp_path.iterdir())

@@ -164,9 +164,13 @@ def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
     no_room = False
     with whole_file(path, force=options.force) as file:
         file.write(_head(printer, stack, planned).encode())
+        if options.watch is not None:
+            for index in range(lowest):
+                options.watch(index, stack[index].without_pixels())
         for index, (layer, paths) in enumerate(planned.each()):
             if options.watch is not None:
-                options.watch(lowest + index, layer)
+                bottom, top = stack.z_mm[lowest + index].tolist()  # where it is in the stack, not on the bed
+                options.watch(lowest + index, replace(layer, z_mm=(bottom, top)))
             if not paths.paths:
                 continue
             _check_on_bed(path, paths, machine.offset_mm, printer)
@@ -204,10 +208,15 @@ def _check_on_bed(path: FilePath, layer: LayerPaths, offset_mm: Floats, printer:
     if (points < 0).any() or (points > room[:2]).any() or layer.z_mm[1] > room[2] * (1 + 1e-9):
         size = np.ptp(points, axis=0)
         fits = (size <= room[:2]).all() and layer.z_mm[1] <= room[2]
-        how = "beside the bed: the middle of the layers' frame is the middle of the bed of" if fits else "larger than"
+        bed = f"{' × '.join(f'{s:.4g}' for s in printer.build_mm)} mm"
+        how = (
+            f"which fits {printer.name} ({bed}), but lies beside its bed: the middle of the layers' frame is put"
+            " in the middle of the bed, so crop the layers to the part"
+            if fits
+            else f"larger than what {printer.name} prints: {bed}"
+        )
         raise InputError(
-            f"{path}: at z = {format_mm(layer.z_mm[1])} the part is {size[0]:.4g} × {size[1]:.4g} mm, {how} what"
-            f" {printer.name} prints, {' × '.join(f'{s:.4g}' for s in printer.build_mm)} mm"
+            f"{path}: at z = {format_mm(layer.z_mm[1])} the part is {size[0]:.4g} × {size[1]:.4g} mm, {how}"
         )
 
 
