@@ -12,8 +12,8 @@ import shapely
 
 import layerfix as lf
 from layerfix import Layer, LayerStack, PathSettings
-from layerfix.contours import outline
-from layerfix.toolpaths import LayerPaths, Path
+from layerfix.fdm import LayerPaths, Path
+from layerfix.outlines.contours import outline
 
 if TYPE_CHECKING:
     from shapely import Geometry, MultiPolygon

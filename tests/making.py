@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import layerfix
-from layerfix.mesh import Mesh, save_stl
+from layerfix.mesh.triangles import Mesh, save_stl
 
 SOURCE = Path(layerfix.__file__).parents[1]  # what PYTHONPATH needs so that a new process finds this package
 SHARED = Path(__file__).parents[2] / "shared"  # other people's files, beside the checkout; often absent

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from layerfix.formats.png import encode_png
+from layerfix.formats.png.encode import encode_png
 from layerfix.printers import printer_folder
 from tests.making import Run, box, contents, joined, run_layerfix, thin_part, write_stl
 

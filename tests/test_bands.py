@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from layerfix.bands import banded
 from layerfix.errors import InputError
-from layerfix.widths import Widths
+from layerfix.fdm.bands import banded
+from layerfix.layers.widths import Widths
 
 
 def widths_of(

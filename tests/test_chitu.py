@@ -11,8 +11,8 @@ import pytest
 from scipy import ndimage
 
 from layerfix import correct, read, write
-from layerfix.correction import correct_image
 from layerfix.errors import InputError, OutputError
+from layerfix.layers.correction import correct_image
 from tests import independent_readers as plain
 from tests.making import SHARED, contents
 

@@ -21,7 +21,7 @@ from PIL import Image
 
 import layerfix
 from layerfix import correct, load_mesh, load_printer, read, slice_mesh
-from layerfix.job import Summary
+from layerfix.commands.fix import Summary
 from layerfix.printers import printer_names
 from tests.making import (
     Run,
@@ -450,7 +450,15 @@ def test_the_commands_import_nothing_heavy():
     tree = ast.parse((Path(layerfix.__file__).parent / "cli.py").read_text(encoding="utf-8"))
     names = {alias.name for node in tree.body if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module for node in tree.body if isinstance(node, ast.ImportFrom)}
-    assert not names & {"numpy", "numba", "cv2", "trimesh", "layerfix.job", "layerfix.slicing", "layerfix.stack"}
+    assert not names & {
+        "numpy",
+        "numba",
+        "cv2",
+        "trimesh",
+        "layerfix.commands.fix",
+        "layerfix.mesh.slicing",
+        "layerfix.stack",
+    }
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")

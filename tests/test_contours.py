@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from layerfix.contours import trace_contours
-from layerfix.correction import correct
 from layerfix.errors import InputError
-from layerfix.slicing import slice_mesh
+from layerfix.layers.correction import correct
+from layerfix.mesh.slicing import slice_mesh
+from layerfix.outlines.contours import trace_contours
 from layerfix.stack import LayerStack
 from tests.making import thin_part
 from tests.pictures_as_text import block, drawing, framed, images, picture, round_dot

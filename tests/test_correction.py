@@ -8,8 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from layerfix import Layer, LayerStack, correct, correct_image, meso_skeleton, slice_mesh
-from layerfix.correction import MODES, feature_radius_px
 from layerfix.errors import InputError
+from layerfix.layers.correction import MODES, feature_radius_px
 from layerfix.samples import sample
 from tests import slow_twin
 from tests.pictures_as_text import KINDS, block, drawing, framed, images, picture, radii, round_dot, strip

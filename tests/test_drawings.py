@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from PIL import Image, ImageColor
 
 from layerfix import LayerStack
-from layerfix.drawings import Drawing
+from layerfix.draw.canvas import Drawing
+from layerfix.draw.plots import COLOURS, INK, OTHER, draw_paths, draw_widths
 from layerfix.errors import OutputError
-from layerfix.plots import COLOURS, INK, OTHER, draw_paths, draw_widths
-from layerfix.toolpaths.beads import EXTERNAL, SOLID, LayerPaths
-from layerfix.toolpaths.beads import Path as BeadPath
-from layerfix.widths import suggest_widths
+from layerfix.fdm.beads import EXTERNAL, SOLID, LayerPaths
+from layerfix.fdm.beads import Path as BeadPath
+from layerfix.layers.widths import suggest_widths
 from tests.making import contents, run_layerfix
 from tests.pictures_as_text import block
 

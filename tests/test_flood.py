@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from layerfix.bits import pack, unpack
-from layerfix.flood import flood
+from layerfix.layers.flood import flood
 
 WIDTHS = (1, 2, 63, 64, 65, 127, 128, 129, 130, 200)
 

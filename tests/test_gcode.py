@@ -21,11 +21,11 @@ from shapely import Point, box
 import layerfix as lf
 from layerfix import LayerStack, settings_for
 from layerfix.errors import InputError, OutputError
+from layerfix.fdm import KINDS
+from layerfix.fdm.toolpaths import plan_toolpaths
 from layerfix.formats import read as read_layers
-from layerfix.formats.gcode_reader import read_gcode
+from layerfix.formats.vector.gcode_reader import read_gcode
 from layerfix.printers import Printer
-from layerfix.toolpaths import KINDS
-from layerfix.toolpaths.planner import plan_toolpaths
 from tests.beads import drawn, section_mm2, stack_of
 from tests.making import SHARED, contents, joined, run_layerfix, thin_part, write_stl
 from tests.making import box as block
@@ -735,8 +735,8 @@ def test_the_time_told_is_that_of_the_moves(tmp_path):
 
 def test_travels_are_timed_as_the_printer_drives_them():
     """From standstill to standstill: twice the way over the acceleration's peak, or cruising in between."""
-    from layerfix.speeds import Speeds
-    from layerfix.toolpaths import LayerPaths, Path
+    from layerfix.fdm import LayerPaths, Path
+    from layerfix.fdm.speeds import Speeds
 
     speeds = Speeds(lf.load_printer(MK3S))  # 180 mm/s, 1000 mm/s2, retracts from 1 mm on
     retraction = 2 * 0.8 / 35

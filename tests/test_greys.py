@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from layerfix.bits import pack, unpack
-from layerfix.correction import correct_image
-from layerfix.greys import corrected_greys, disc_coverage, solid_rows
+from layerfix.layers.correction import correct_image
+from layerfix.layers.greys import corrected_greys, disc_coverage, solid_rows
 
 ALL_AROUND = np.ones((3, 3))
 WIDTHS = (1, 63, 64, 65, 100, 128, 130)

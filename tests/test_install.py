@@ -24,8 +24,8 @@ image = np.zeros((40, 40), bool)
 image[20, 5:35] = True
 assert correct_image(image, 3).sum() > image.sum()
 from numba.core.dispatcher import Dispatcher
-import layerfix.correction, layerfix.morphology, layerfix.thinning
-stats = [f.stats for m in (layerfix.correction, layerfix.morphology, layerfix.thinning)
+import layerfix.layers.correction, layerfix.layers.morphology, layerfix.layers.thinning
+stats = [f.stats for m in (layerfix.layers.correction, layerfix.layers.morphology, layerfix.layers.thinning)
          for f in vars(m).values() if isinstance(f, Dispatcher) and f.targetoptions.get("nogil")]
 print(sum(sum(s.cache_hits.values()) for s in stats), sum(sum(s.cache_misses.values()) for s in stats))
 """

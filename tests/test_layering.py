@@ -1,4 +1,4 @@
-"""A module imports only from a level below its own, or from its own level if that makes no circle."""
+"""A folder imports only from floors below its own, or from its own floor where that makes no circle."""
 
 from __future__ import annotations
 
@@ -13,29 +13,18 @@ import layerfix
 
 ROOT = Path(layerfix.__file__).parent
 
-# A package (a folder) is one entry; its modules share the level.
-LEVELS = {
-    0: ("errors", "units", "bits"),
-    1: ("stack", "printers", "files"),
-    2: (
-        "flood",
-        "topology",
-        "threemf",
-        "mesh",
-        "winding",
-        "slicing",
-        "columns",
-        "morphology",
-        "thinning",
-        "thickness",
-    ),
-    3: ("skeleton", "correction", "widths"),
-    4: ("greys", "pictures", "samples", "contours", "slabs", "toolpaths", "speeds", "bands", "drawings", "plots"),
-    5: ("formats",),
-    6: ("job", "demo", "width_job", "draw_job"),
+# Folders and the few modules outside them, from the ground up. A folder imports only from floors below, and from
+# its own floor where that makes no circle of folders.
+FLOORS = {
+    0: ("errors", "units", "bits", "files"),
+    1: ("stack", "printers"),
+    2: ("layers", "mesh"),
+    3: ("outlines", "fdm", "draw", "samples"),
+    4: ("formats",),
+    6: ("commands",),
     7: ("cli", "__main__"),
 }
-LEVEL_OF = {name: level for level, names in LEVELS.items() for name in names}
+FLOOR_OF = {name: floor for floor, names in FLOORS.items() for name in names}
 
 MODULES = {
     ".".join(("layerfix", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__"): path
@@ -44,7 +33,7 @@ MODULES = {
 
 
 def part_of(module: str) -> str:
-    """The entry of LEVELS that a module belongs to: `layerfix.formats.png` to `formats`."""
+    """The entry of FLOORS that a module belongs to: `layerfix.formats.png` to `formats`."""
     return module.split(".")[1]
 
 
@@ -88,32 +77,45 @@ def imports() -> dict[str, set[str]]:
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name != "layerfix"])
-def test_every_module_has_a_level(module):
-    """A new module is entered in LEVELS, so that its imports are looked at."""
-    assert part_of(module) in LEVEL_OF, (
-        f"{module} has no level: enter '{part_of(module)}' in LEVELS, above everything that it imports"
+def test_every_module_is_on_a_floor(module):
+    """A new module is entered in FLOORS, so that its imports are looked at."""
+    assert part_of(module) in FLOOR_OF, (
+        f"{module} is on no floor: enter '{part_of(module)}' in FLOORS, above everything that it imports"
     )
 
 
-def test_every_level_is_of_a_module():
+def test_every_floor_is_of_a_module():
     """No entry is left behind when a module goes."""
-    assert set(LEVEL_OF) == {part_of(module) for module in MODULES if module != "layerfix"}
+    assert set(FLOOR_OF) == {part_of(module) for module in MODULES if module != "layerfix"}
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name != "layerfix"])
-def test_a_module_imports_only_from_its_level_or_below(module):
+def test_a_module_imports_only_from_its_floor_or_below(module):
     """Imports point downwards."""
-    level = LEVEL_OF.get(part_of(module), -1)
+    floor = FLOOR_OF.get(part_of(module), -1)
     upwards = {
-        name: LEVEL_OF.get(part_of(name))
+        name: FLOOR_OF.get(part_of(name))
         for name in imports()[module] - {"layerfix"}
-        if LEVEL_OF.get(part_of(name), 99) > level
+        if FLOOR_OF.get(part_of(name), 99) > floor
     }
-    assert not upwards, f"{module} (level {level}) imports from above: {upwards}"
+    assert not upwards, f"{module} (floor {floor}) imports from above: {upwards}"
+
+
+def test_no_circle_of_folders():
+    """Drawn folder by folder, no arrow leads back up."""
+    graph: dict[str, set[str]] = {}
+    for module, names in imports().items():
+        if module != "layerfix":
+            below = {part_of(name) for name in names if name != "layerfix"}
+            graph.setdefault(part_of(module), set()).update(below - {part_of(module)})
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as circle:
+        pytest.fail(f"folders import each other: {' → '.join(circle.args[1])}")
 
 
 def test_no_circle_of_imports():
-    """Within a level, too, one can begin at a module that needs no other."""
+    """Within a folder, too, one can begin at a module that needs no other."""
     graph = {module: names - {module, "layerfix"} for module, names in imports().items()}
     try:
         TopologicalSorter(graph).prepare()

@@ -13,8 +13,8 @@ import trimesh
 
 from layerfix import Mesh, load_mesh
 from layerfix.errors import InputError, OutputError
-from layerfix.mesh import save_stl
-from layerfix.slicing import slice_mesh
+from layerfix.mesh.slicing import slice_mesh
+from layerfix.mesh.triangles import save_stl
 from tests.making import SHARED, box, joined, sphere, write_stl
 
 LOW, HIGH = (1.0, 2.0, 3.0), (13.0, 9.0, 6.5)

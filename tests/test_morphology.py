@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from layerfix.bits import pack, unpack
 from layerfix.errors import InputError
-from layerfix.morphology import dilate, disc_half_widths, erode, opened
+from layerfix.layers.morphology import dilate, disc_half_widths, erode, opened
 from tests import slow_twin
 from tests.pictures_as_text import drawing, framed, images, picture, radii
 

@@ -17,8 +17,8 @@ from PIL import Image
 
 from layerfix.bits import pack, unpack
 from layerfix.errors import InputError
-from layerfix.formats.png import encode_png
-from layerfix.formats.png_decode import decode_png
+from layerfix.formats.png.decode import decode_png
+from layerfix.formats.png.encode import encode_png
 
 WIDTHS = [1, 2, 7, 8, 9, 63, 64, 65, 127, 128, 129, 130, 257, 258, 259, 260, 261, 300]
 both_depths = pytest.mark.parametrize("bits", [1, 8])

@@ -16,8 +16,8 @@ from PIL import Image, PngImagePlugin
 
 from layerfix import load_printer, read, write
 from layerfix.errors import InputError, OutputError
-from layerfix.formats.png_stack import numeric_order
-from layerfix.slicing import slice_mesh
+from layerfix.formats.png.images import numeric_order
+from layerfix.mesh.slicing import slice_mesh
 from layerfix.stack import LayerStack
 from tests.making import contents, thin_part
 

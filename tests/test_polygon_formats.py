@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 import shapely
 
-from layerfix.contours import trace_contours
-from layerfix.correction import correct
 from layerfix.errors import InputError, OutputError
-from layerfix.formats import common_layer, geojson, svg
 from layerfix.formats.options import WriteOptions
-from layerfix.slicing import slice_mesh
+from layerfix.formats.vector import common_layer, geojson, svg
+from layerfix.layers.correction import correct
+from layerfix.mesh.slicing import slice_mesh
+from layerfix.outlines.contours import trace_contours
 from layerfix.stack import LayerStack
 from tests.making import contents, thin_part
 from tests.pictures_as_text import picture

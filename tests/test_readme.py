@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import layerfix as lf
-from layerfix.formats.png import encode_png
+from layerfix.formats.png.encode import encode_png
 from tests.making import run_layerfix
 
 ROOT = Path(__file__).parents[1]
@@ -24,7 +24,7 @@ COMMANDS = [
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A folder with the part and the printer file that the examples name."""
-    from layerfix.mesh import save_stl
+    from layerfix.mesh.triangles import save_stl
     from layerfix.samples import sample
 
     save_stl(tmp_path / "part.stl", sample("test-part").mesh())

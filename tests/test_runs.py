@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from layerfix.bits import pack, unpack, words_for
-from layerfix.formats import runs
-from layerfix.greys import pack_from
+from layerfix.formats.jobs import runs
+from layerfix.layers.greys import pack_from
 from tests import independent_readers as plain
 
 WIDTHS = (1, 63, 64, 65, 127, 128, 129, 130)

@@ -15,7 +15,7 @@ from layerfix.samples import SAMPLES, sample
 from layerfix.samples.shapes import boxes, cavity, join, mirrored, prism, rods, sheet, tube
 
 if TYPE_CHECKING:
-    from layerfix.mesh import Mesh
+    from layerfix.mesh.triangles import Mesh
 
 # Name, slices and image size in px: Table 1 of the paper.
 TABLE = {

@@ -15,8 +15,8 @@ from scipy import ndimage
 
 from layerfix import correct, load_printer, read, write
 from layerfix.bits import pack
-from layerfix.correction import correct_image
 from layerfix.errors import InputError
+from layerfix.layers.correction import correct_image
 from layerfix.stack import Layer, LayerStack
 from tests import independent_readers as plain
 from tests.making import SHARED, contents

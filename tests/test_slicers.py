@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from layerfix.mesh import Mesh, save_stl
+from layerfix.mesh.triangles import Mesh, save_stl
 from tests.making import box, cylinder, inside_out, joined
 from tests.slicers.gcode import Bead, bead_width, beads_of
 from tests.slicers.metric import measure, outlines

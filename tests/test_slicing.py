@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from layerfix.errors import InputError
-from layerfix.mesh import Mesh, load_mesh
-from layerfix.slicing import slice_mesh
+from layerfix.mesh.slicing import slice_mesh
+from layerfix.mesh.triangles import Mesh, load_mesh
 from tests.making import (
     box,
     chosen_faces,

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from skimage.morphology import thin
 
 from layerfix.bits import pack, unpack
-from layerfix.columns import BLOCK, bounding_box, to_columns, to_rows, with_border
-from layerfix.thinning import FIRST, SECOND, SPURS, remove_spurs, start_changes, sub_iteration
+from layerfix.layers.columns import BLOCK, bounding_box, to_columns, to_rows, with_border
+from layerfix.layers.thinning import FIRST, SECOND, SPURS, remove_spurs, start_changes, sub_iteration
 from tests import slow_twin
 from tests.pictures_as_text import drawing, images, picture, radii
 

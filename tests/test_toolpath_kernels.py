@@ -15,8 +15,8 @@ from skimage.measure import find_contours
 from skimage.morphology import thin
 
 from layerfix.bits import pack
-from layerfix.toolpaths.chains import needed_points, trace_lines
-from layerfix.toolpaths.fields import (
+from layerfix.fdm.chains import needed_points, trace_lines
+from layerfix.fdm.fields import (
     BESIDE_MM,
     NO_LEVEL,
     bits_above,
@@ -28,8 +28,8 @@ from layerfix.toolpaths.fields import (
     pixels_of,
     take_off,
 )
-from layerfix.toolpaths.infill import join_lines, rectilinear, scan
-from layerfix.toolpaths.level_sets import level_loops
+from layerfix.fdm.infill import join_lines, rectilinear, scan
+from layerfix.fdm.level_sets import level_loops
 from tests.pictures_as_text import images
 
 seeds = st.integers(0, 2**32 - 1)

@@ -20,10 +20,10 @@ from shapely import LineString, Point, Polygon, box
 import layerfix as lf
 from layerfix import Layer, LayerStack, PathSettings, plan_toolpaths, settings_for
 from layerfix.errors import InputError
+from layerfix.fdm import KINDS, LayerPaths, Path
+from layerfix.fdm.beads import spacing_mm
+from layerfix.fdm.order import in_short_order, short_tour
 from layerfix.samples import sample
-from layerfix.toolpaths import KINDS, LayerPaths, Path
-from layerfix.toolpaths.beads import spacing_mm
-from layerfix.toolpaths.order import in_short_order, short_tour
 from tests.beads import (
     LAYER_MM,
     NARROWEST_MM,

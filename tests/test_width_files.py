@@ -21,13 +21,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from layerfix import load_mesh, load_printer, slice_mesh
+from layerfix.commands.fix import Options
+from layerfix.commands.widths import SUFFIXES, WidthOptions, lines_of, suggest
 from layerfix.errors import InputError, OutputError
-from layerfix.formats.width_files import table, write_csv, write_json, write_width_3mf
-from layerfix.job import Options
-from layerfix.mesh import Mesh
-from layerfix.speeds import Speeds
-from layerfix.width_job import SUFFIXES, WidthOptions, lines_of, suggest
-from layerfix.widths import Widths, suggest_widths
+from layerfix.fdm.speeds import Speeds
+from layerfix.formats.solid.width_files import table, write_csv, write_json, write_width_3mf
+from layerfix.layers.widths import Widths, suggest_widths
+from layerfix.mesh.triangles import Mesh
 from tests.making import box, contents, joined, run_layerfix, thin_part, turned, write_stl
 
 MK3S = load_printer("prusa-mk3s-0.6")

@@ -13,10 +13,10 @@ from scipy import ndimage
 
 import layerfix
 from layerfix import Layer, LayerStack, load_printer
+from layerfix.commands.fix import Options
+from layerfix.commands.widths import WidthOptions, suggest
 from layerfix.errors import InputError
-from layerfix.job import Options
-from layerfix.width_job import WidthOptions, suggest
-from layerfix.widths import MAX_CANDIDATES, Widths, candidates_mm, suggest_widths
+from layerfix.layers.widths import MAX_CANDIDATES, Widths, candidates_mm, suggest_widths
 from tests import slow_twin
 from tests.making import box, thin_part, write_stl
 from tests.pictures_as_text import block, drawing, framed, images, picture, round_dot, strip

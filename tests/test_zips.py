@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from layerfix.errors import InputError
-from layerfix.formats.zips import Archive
+from layerfix.formats.jobs.zips import Archive
 from tests import independent_readers as plain
 
 WHEN = (2021, 5, 6, 7, 8, 10)

@@ -16,20 +16,20 @@ _HOME = {
     "LayerStack": "stack",
     "Printer": "printers",
     "load_printer": "printers",
-    "Mesh": "mesh",
-    "load_mesh": "mesh",
-    "slice_mesh": "slicing",
-    "meso_skeleton": "skeleton",
-    "correct": "correction",
-    "correct_image": "correction",
-    "Contours": "contours",
-    "trace_contours": "contours",
-    "plan_toolpaths": "toolpaths.planner",
-    "settings_for": "toolpaths.settings",
-    "suggest_widths": "widths",
-    "banded": "bands",
-    "Widths": "widths",
-    "PathSettings": "toolpaths.settings",
+    "Mesh": "mesh.triangles",
+    "load_mesh": "mesh.triangles",
+    "slice_mesh": "mesh.slicing",
+    "meso_skeleton": "layers.skeleton",
+    "correct": "layers.correction",
+    "correct_image": "layers.correction",
+    "Contours": "outlines.contours",
+    "trace_contours": "outlines.contours",
+    "plan_toolpaths": "fdm.toolpaths",
+    "settings_for": "fdm.settings",
+    "suggest_widths": "layers.widths",
+    "banded": "fdm.bands",
+    "Widths": "layers.widths",
+    "PathSettings": "fdm.settings",
     "read": "formats",
     "write": "formats",
 }
@@ -60,20 +60,20 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from layerfix.bands import banded
     from layerfix.bits import pack, unpack
-    from layerfix.contours import Contours, trace_contours
-    from layerfix.correction import correct, correct_image
     from layerfix.errors import LayerfixError
+    from layerfix.fdm.bands import banded
+    from layerfix.fdm.settings import PathSettings, settings_for
+    from layerfix.fdm.toolpaths import plan_toolpaths
     from layerfix.formats import read, write
-    from layerfix.mesh import Mesh, load_mesh
+    from layerfix.layers.correction import correct, correct_image
+    from layerfix.layers.skeleton import meso_skeleton
+    from layerfix.layers.widths import Widths, suggest_widths
+    from layerfix.mesh.slicing import slice_mesh
+    from layerfix.mesh.triangles import Mesh, load_mesh
+    from layerfix.outlines.contours import Contours, trace_contours
     from layerfix.printers import Printer, load_printer
-    from layerfix.skeleton import meso_skeleton
-    from layerfix.slicing import slice_mesh
     from layerfix.stack import Layer, LayerStack
-    from layerfix.toolpaths.planner import plan_toolpaths
-    from layerfix.toolpaths.settings import PathSettings, settings_for
-    from layerfix.widths import Widths, suggest_widths
 
 
 def __getattr__(name: str) -> Any:

@@ -16,7 +16,7 @@ from layerfix.errors import InputError
 from layerfix.units import format_mm, parse_length_mm
 
 if TYPE_CHECKING:
-    from layerfix.job import Options, Summary
+    from layerfix.commands.fix import Options, Summary
 
 
 class Length(click.ParamType[float]):
@@ -169,7 +169,7 @@ def fix(source: Path, target: Path, as_json: bool, **given: Any) -> None:
       layerfix fix layers.zip fixed.zip --min-feature 0.15mm --mode add_only
     """
     with _kernels_ready():
-        from layerfix import job
+        from layerfix.commands import fix as job
 
         job.load_kernels(target)
     options = _options(given)
@@ -226,8 +226,8 @@ def widths(source: Path, targets: tuple[Path, ...], printer: str | None, as_json
       layerfix widths part.stl -p prusa-mk3s-0.4 --bands 3 -o part.gcode -o widths.png -o widths.csv
     """
     with _kernels_ready():
-        from layerfix import width_job
-        from layerfix.job import Options
+        from layerfix.commands import widths as width_job
+        from layerfix.commands.fix import Options
         from layerfix.printers import load_printer
     names = ("min_mm", "max_mm", "step_mm", "loss_mm", "bands", "band_height_mm", "slicer")
     wanted = {name: given.pop(name) for name in names}
@@ -253,7 +253,7 @@ def draw(source: Path, target: Path, index: int, force: bool, as_json: bool) -> 
       layerfix draw part.gcode layer.png --layer 12
     """
     with _kernels_ready():
-        from layerfix.draw_job import draw_gcode
+        from layerfix.commands.draw import draw_gcode
     drawn = draw_gcode(source, target, index, force=force)
     click.echo(json.dumps(drawn) if as_json else _rows([(name, str(value)) for name, value in drawn.items()]))
 
@@ -268,7 +268,7 @@ def demo(folder: Path, force: bool, as_json: bool) -> None:
     Writes the part, its layers before and after, and a picture to DIR (layerfix-demo).
     """
     with _kernels_ready():
-        from layerfix.demo import run_demo, what_to_look_at
+        from layerfix.commands.demo import run_demo, what_to_look_at
     with _progress("correcting the test part") as progress:
         summary = run_demo(folder, force=force, progress=progress)
     click.echo(json.dumps(asdict(summary)) if as_json else f"{_table(summary)}\n\n{what_to_look_at(folder)}")
@@ -335,7 +335,7 @@ def completion(shell: str) -> None:
 
 
 def _options(given: dict[str, Any]) -> Options:
-    from layerfix.job import Options
+    from layerfix.commands.fix import Options
     from layerfix.printers import load_printer
 
     printer = load_printer(given.pop("printer")) if given.get("printer") else given.pop("printer", None)

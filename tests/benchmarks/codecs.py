@@ -15,10 +15,10 @@ from isal import isal_zlib
 from zlib_ng import zlib_ng
 
 import layerfix as lf
-from layerfix.correction import correct_rows
-from layerfix.formats import runs
-from layerfix.formats.png import encode_png
-from layerfix.formats.png_decode import decode_png
+from layerfix.formats.jobs import runs
+from layerfix.formats.png.decode import decode_png
+from layerfix.formats.png.encode import encode_png
+from layerfix.layers.correction import correct_rows
 from tests.benchmarks.measuring import best_of, table
 from tests.benchmarks.resin_12k import PRINTER, plate_of_dragons
 

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import layerfix as lf
-from layerfix.mesh import save_stl
+from layerfix.mesh.triangles import save_stl
 from layerfix.samples import sample
 from tests.benchmarks.measuring import best_of, table
 from tests.making import SHARED

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 import layerfix as lf
-from layerfix.correction import correct_rows
+from layerfix.layers.correction import correct_rows
 from tests.benchmarks import numpy_opencv
 from tests.benchmarks.layers import blobs, sparse
 from tests.benchmarks.measuring import best_of, table

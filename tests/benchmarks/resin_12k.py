@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 import layerfix as lf
-from layerfix.formats.png import encode_png
+from layerfix.formats.png.encode import encode_png
 from layerfix.samples import sample
 from tests.benchmarks.measuring import best_of, table
 

@@ -7,7 +7,7 @@ import tempfile
 
 from tests.benchmarks.measuring import best_of, table
 
-KERNELS = "import layerfix.job, layerfix.demo"
+KERNELS = "import layerfix.commands.fix, layerfix.commands.demo"
 
 
 def run() -> None:

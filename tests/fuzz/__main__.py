@@ -14,7 +14,8 @@ import atheris
 import layerfix as lf
 from layerfix import formats
 from layerfix.errors import LayerfixError
-from layerfix.formats import chitu, chitubox_zip, container, cws, goo, nanodlp, png_stack, sl1, zip_job, zips
+from layerfix.formats.jobs import chitu, chitubox_zip, container, cws, goo, nanodlp, sl1, zip_job, zips
+from layerfix.formats.png import images as png_stack
 from tests.independent_readers import block, thin_bar, write_chitu, write_goo, write_sl1
 
 FOLDER = Path(tempfile.mkdtemp(prefix="layerfix-fuzz-"))

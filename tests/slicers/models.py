@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layerfix.mesh import Mesh, load_mesh
+from layerfix.mesh.triangles import Mesh, load_mesh
 from layerfix.samples import shapes
 from tests.making import SHARED
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from layerfix.mesh import Mesh
+from layerfix.mesh.triangles import Mesh
 
 NOZZLE_MM, LAYER_MM = 0.4, 0.2
 CENTRE_MM = 100.0  # of the bed, in x and y

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from layerfix.mesh import Mesh, load_mesh, save_stl
+from layerfix.mesh.triangles import Mesh, load_mesh, save_stl
 from tests.making import run_layerfix
 from tests.slicers.gcode import read_beads
 from tests.slicers.metric import Measures, measure

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from layerfix.mesh import Mesh
+from layerfix.mesh.triangles import Mesh
 
 ROUNDING_MM2 = 2e-5  # slivers under this come from rounding
 DECIMALS = 7  # of a mm: nearer points are one

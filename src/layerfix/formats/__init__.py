@@ -14,32 +14,22 @@ import numpy as np
 
 from layerfix.errors import InputError, OutputError
 from layerfix.files import reading
-from layerfix.formats import (
-    chitu,
-    chitubox_zip,
-    common_layer,
-    cws,
-    gcode,
-    geojson,
-    goo,
-    model,
-    nanodlp,
-    png_stack,
-    sl1,
-    svg,
-)
-from layerfix.formats.container import rewrite
+from layerfix.formats.jobs import chitu, chitubox_zip, cws, goo, nanodlp, sl1
+from layerfix.formats.jobs.container import rewrite
+from layerfix.formats.jobs.zips import Archive
 from layerfix.formats.options import Hints, WriteOptions
-from layerfix.formats.zips import Archive
-from layerfix.mesh import SUFFIXES as MESH_SUFFIXES
+from layerfix.formats.png import images as png_stack
+from layerfix.formats.solid import model
+from layerfix.formats.vector import common_layer, gcode, geojson, svg
+from layerfix.mesh.triangles import SUFFIXES as MESH_SUFFIXES
 from layerfix.stack import LayerStack, pitch_mm
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from layerfix.fdm import PathSettings
     from layerfix.formats.encoding import Watch
     from layerfix.printers import Printer
-    from layerfix.toolpaths import PathSettings
 
 
 class Format(NamedTuple):

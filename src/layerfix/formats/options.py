@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from layerfix.fdm import PathSettings
     from layerfix.formats.encoding import Watch
     from layerfix.printers import Printer
-    from layerfix.toolpaths import PathSettings
 
 
 @dataclass(frozen=True)

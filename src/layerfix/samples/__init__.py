@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from layerfix.errors import InputError
-from layerfix.mesh import Mesh
+from layerfix.mesh.triangles import Mesh
 from layerfix.samples.dragon import dragon
 from layerfix.samples.models import feature_plate, helical_tower, molecule, spherical_shell, threaded_cylinder
 from layerfix.samples.playground import playground

@@ -10,7 +10,7 @@ import numpy as np
 from layerfix.samples.shapes import UP, balls, cones, join, mirrored, point, sheet, spline, tube
 
 if TYPE_CHECKING:
-    from layerfix.mesh import Mesh
+    from layerfix.mesh.triangles import Mesh
     from layerfix.samples.shapes import Floats
 
 # Control points x, y, z and radius in mm. The dragon rears up and looks towards -y; x is left to right.

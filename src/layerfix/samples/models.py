@@ -35,7 +35,7 @@ from layerfix.samples.shapes import (
 )
 
 if TYPE_CHECKING:
-    from layerfix.mesh import Mesh
+    from layerfix.mesh.triangles import Mesh
     from layerfix.samples.shapes import Floats
 
 # --- test part -------------------------------------------------------------------------------------------

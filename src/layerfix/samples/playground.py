@@ -33,7 +33,7 @@ from layerfix.samples.shapes import (
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from layerfix.mesh import Mesh
+    from layerfix.mesh.triangles import Mesh
     from layerfix.samples.shapes import Floats
 
 GROUND_MM, GROUND_TOP_MM, ROOTED_MM = (139.7, 145.9), 2.4, 1.2

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.mesh import Mesh
+from layerfix.mesh.triangles import Mesh
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

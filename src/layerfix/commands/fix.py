@@ -1,0 +1,320 @@
+"""The whole line as one call: open what the user names, correct it, write it, and add up what happened."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from layerfix.draw.before_after import before_after
+from layerfix.errors import InputError, OutputError
+from layerfix.fdm import settings_for
+from layerfix.files import check_apart, check_target, whole_file
+from layerfix.formats import format_for, read, write, writer_for
+from layerfix.layers.correction import correct, feature_radius_px
+from layerfix.mesh.slicing import slice_mesh
+from layerfix.mesh.triangles import SUFFIXES, load_mesh
+from layerfix.units import format_mm
+
+if TYPE_CHECKING:
+    from layerfix.fdm import PathSettings
+    from layerfix.mesh.triangles import Mesh
+    from layerfix.printers import Printer
+    from layerfix.stack import Layer, LayerStack
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user asked for; None is "as the printer or the file says"."""
+
+    printer: Printer | None = None
+    pixel_mm: tuple[float, float] | None = None
+    layer_mm: float | None = None
+    first_layer_mm: float | None = None
+    min_feature_mm: float | None = None
+    mode: str | None = None
+    fill: str = "nonzero"
+    unit: str | None = None
+    workers: int = 0
+    force: bool = False
+    bits: int = 8
+    threshold: int = 128
+    grey_floor: int = 32
+    picture: Path | None = None
+    tolerance_mm: float | None = None
+    ascii: bool = False
+    layers: tuple[int, int] | None = None
+    width_mm: float | None = None
+    perimeters: int | None = None
+    density: float | None = None
+    seam: str | None = None
+    skirt_loops: int | None = None
+
+    def path_settings(self) -> PathSettings | None:
+        """How G-code lays its beads: the printer's way with the user's changes; None without a nozzle."""
+        if self.printer is None or self.printer.nozzle_mm is None:
+            return None
+        wanted = {key: getattr(self, key) for key in ("width_mm", "perimeters", "density", "seam", "skirt_loops")}
+        if self.width_mm is not None:
+            wanted["first_layer_width_mm"] = self.width_mm
+        return settings_for(self.printer, **{key: value for key, value in wanted.items() if value is not None})
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a correction came to. Percentages are of the volume before; z is where the thinnest thing is."""
+
+    source: str
+    target: str
+    layers: int
+    size_px: tuple[int, int]
+    pixel_mm: tuple[float, float]
+    min_feature_mm: float
+    mode: str
+    layers_changed: int
+    thinnest_mm: float | None
+    thinnest_z_mm: float | None
+    volume_mm3: float
+    added_mm3: float
+    removed_mm3: float
+    added_percent: float
+    removed_percent: float
+    layers_with_gaps: int
+    longest_gap_mm: float
+    seconds: float
+    most_changed_layer: int = 0
+    notes: tuple[str, ...] = ()
+
+
+def load_kernels(target: Path) -> None:
+    """Load, and on a machine's first run compile, what only some targets need, before any progress is shown."""
+    if target.suffix.lower() == ".gcode":
+        importlib.import_module("layerfix.fdm.toolpaths")
+    elif target.suffix.lower() in (".stl", ".3mf", ".svg", ".geojson", ".cli"):
+        importlib.import_module("layerfix.outlines.contours")
+
+
+def fix(
+    source: Path,
+    target: Path,
+    options: Options,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Summary:
+    """Correct `source` (a mesh, a folder or a zip of images) into `target`.
+
+    progress is called with (layers done, layers in all).
+    Raises InputError and OutputError before any work where it can; then nothing is written.
+    """
+    started = time.perf_counter()
+    _check_paths(source, target, options)
+    paths = options.path_settings()
+    stack = open_stack(source, options)
+    min_feature_mm = _min_feature_mm(options)
+    mode = options.mode or _usual_mode(options.printer, stack)
+    if options.layers is not None:
+        stack = _chosen(source, stack, options.layers)
+    if options.tolerance_mm is not None and options.tolerance_mm > min_feature_mm:
+        raise InputError(
+            f"tolerance {format_mm(options.tolerance_mm)} is larger than the minimum feature of"
+            f" {format_mm(min_feature_mm)}: it would take away what was corrected"
+        )
+    writer_for(target, stack)
+    told = _doubts(options, paths, min_feature_mm)
+    fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.workers)
+    done: list[Layer] = []
+
+    def watch(index: int, layer: Layer) -> None:
+        done.append(layer)
+        progress(index + 1, len(fixed))
+
+    write(target, fixed, options.printer, force=options.force, bits=options.bits, watch=watch, ascii=options.ascii,
+          tolerance_mm=options.tolerance_mm, paths=paths, tell=told.append)  # fmt: skip
+    summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
+    if options.picture:
+        draw_layer(stack, fixed, summary.most_changed_layer, options.picture, force=options.force)
+    return summary
+
+
+def open_stack(source: Path, options: Options) -> LayerStack:
+    """The layers of a mesh (sliced for the printer or the given pitch) or of an image stack."""
+    if source.suffix.lower() not in SUFFIXES:
+        return read(source, printer=options.printer, pixel_mm=options.pixel_mm, layer_mm=options.layer_mm,
+                    first_layer_mm=options.first_layer_mm, threshold=options.threshold,
+                    grey_floor=options.grey_floor)  # fmt: skip
+    return open_part(source, options)[1]
+
+
+def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
+    """A mesh, turned to fit the printer, and its layers."""
+    printer = options.printer
+    pixel_mm = options.pixel_mm or (printer.pixel_mm if printer else None)
+    layer_mm = options.layer_mm or (printer.layer_mm if printer else None)
+    if pixel_mm is None or layer_mm is None:
+        raise InputError(
+            f"{source}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)"
+        )
+    first_mm = options.first_layer_mm or (printer.first_layer_mm if printer and not options.layer_mm else None)
+    min_feature_mm = _min_feature_mm(options)
+    feature_radius_px(min_feature_mm, pixel_mm)
+    paths = options.path_settings()
+    if paths is not None:
+        for height in (layer_mm, first_mm or layer_mm):
+            paths.check_layer(height)
+    mesh = _turned_to_fit(load_mesh(source, unit=options.unit), printer)
+    _check_size(mesh, printer, min_feature_mm)
+    panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
+    return mesh, slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
+                            margin_mm=min_feature_mm, fill=options.fill, frame_px=panel)  # fmt: skip
+
+
+def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:
+    """Write the before/after picture of one layer."""
+    bottom, top = fixed[index].z_mm
+    picture = before_after(stack[index], fixed[index], stack.pixel_mm, title=f", z = {(bottom + top) / 2:.2f} mm")
+    with whole_file(path, force=force) as file:
+        picture.save(file, "PNG")
+
+
+def _check_paths(source: Path, target: Path, options: Options) -> None:
+    if not source.exists():
+        raise InputError(f"{source}: no such file or folder")
+    check_apart(target, source)
+    format_for(target)  # an unknown suffix is refused before any work
+    check_target(target, force=options.force)
+    picture = options.picture
+    if picture:
+        if picture.suffix.lower() != ".png":
+            raise OutputError(f"{picture}: the picture is written as PNG; call it .png")
+        check_apart(picture, source)
+        if picture.absolute() == target.absolute() or target.absolute() in picture.absolute().parents:
+            raise OutputError(f"{picture}: is where the output goes; choose another place for the picture")
+        if picture.is_dir():
+            raise OutputError(f"{picture}: is a folder; the picture is a file")
+        check_target(picture, force=options.force)
+
+
+def _chosen(source: Path, stack: LayerStack, layers: tuple[int, int]) -> LayerStack:
+    first, stop = layers
+    if not 0 <= first < min(stop, len(stack)):
+        raise InputError(f"{source}: layers {first} to {stop - 1} are not there; it has layers 0 to {len(stack) - 1}")
+    return stack[first:stop]
+
+
+def _usual_mode(printer: Printer | None, stack: LayerStack) -> str:
+    """The printer's mode; without one, that of resin printers for a resin job."""
+    if printer:
+        return printer.mode
+    return "add_only" if stack.container is not None else "as_printed"
+
+
+def _min_feature_mm(options: Options) -> float:
+    if options.min_feature_mm is not None:
+        return options.min_feature_mm
+    if options.printer is None:
+        raise InputError("no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer")
+    return options.printer.min_feature_mm
+
+
+def _turned_to_fit(mesh: Mesh, printer: Printer | None) -> Mesh:
+    """The mesh turned by 90° on the plate if it fits the printer only so (many panels stand on end)."""
+    if printer is None:
+        return mesh
+    (x, y, _), (room_x, room_y, _) = mesh.size_mm, printer.build_mm
+    fits, fits_turned = x <= room_x and y <= room_y, x <= room_y and y <= room_x
+    return mesh.transformed([[0, -1, 0], [1, 0, 0], [0, 0, 1]]) if fits_turned and not fits else mesh
+
+
+def _check_size(mesh: Mesh, printer: Printer | None, min_feature_mm: float) -> None:
+    size = mesh.size_mm
+    if max(size[:2]) < min_feature_mm:
+        raise InputError(
+            f"{mesh.name}: the part is {size[0]:.4g} × {size[1]:.4g} mm, smaller than the minimum feature of"
+            f" {format_mm(min_feature_mm)}; all of it would be one dot"
+        )
+    if printer and any(part > room * (1 + 1e-9) for part, room in zip(size, printer.build_mm, strict=True)):
+        raise InputError(
+            f"{mesh.name}: the part is {' × '.join(f'{s:.4g}' for s in size)} mm, larger than what"
+            f" {printer.name} prints: {' × '.join(f'{s:.4g}' for s in printer.build_mm)} mm"
+        )
+
+
+def _add_up(
+    source: Path,
+    target: Path,
+    stack: LayerStack,
+    min_feature_mm: float,
+    mode: str,
+    done: list[Layer],
+    started: float,
+    told: list[str],
+) -> Summary:
+    changes = [(layer, layer.change) for layer in done if layer.change is not None]
+    pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
+
+    def volume(pick: Callable[[int], int]) -> float:
+        return sum(pick(i) * (layer.z_mm[1] - layer.z_mm[0]) for i, (layer, _) in enumerate(changes)) * pixel_mm2
+
+    solid = volume(lambda i: changes[i][1].solid_px)
+    added = volume(lambda i: changes[i][1].added_px)
+    removed = volume(lambda i: changes[i][1].removed_px)
+    thinnest = min(
+        ((c.thinnest_mm, layer.z_mm[0]) for layer, c in changes if c.thinnest_mm is not None),
+        default=(None, None),
+    )
+    gaps = [layer.gaps for layer in done if layer.gaps is not None]
+    turned = [c.added_px + c.removed_px for _, c in changes]
+    return Summary(
+        source=str(source),
+        target=str(target),
+        layers=len(done),
+        size_px=(stack.width, stack.height),
+        pixel_mm=stack.pixel_mm,
+        min_feature_mm=min_feature_mm,
+        mode=mode,
+        layers_changed=sum(t > 0 for t in turned),
+        thinnest_mm=thinnest[0],
+        thinnest_z_mm=thinnest[1],
+        volume_mm3=solid,
+        added_mm3=added,
+        removed_mm3=removed,
+        added_percent=100 * added / solid if solid else 0.0,
+        removed_percent=100 * removed / solid if solid else 0.0,
+        layers_with_gaps=len(gaps),
+        longest_gap_mm=max((g.longest_mm for g in gaps), default=0.0),
+        seconds=time.perf_counter() - started,
+        most_changed_layer=turned.index(max(turned)) if turned else 0,
+        notes=(*stack.notes, *_empty_layers(done), *told),
+    )
+
+
+def _doubts(options: Options, paths: PathSettings | None, min_feature_mm: float) -> list[str]:
+    """A word about what was asked for and is allowed, but may not be what is wanted."""
+    doubts = []
+    if options.tolerance_mm is not None and options.tolerance_mm > min_feature_mm / 4:
+        doubts.append(
+            f"a tolerance of {format_mm(options.tolerance_mm)} is much for a minimum feature of"
+            f" {format_mm(min_feature_mm)}: outlines may come out thinner than it"
+        )
+    if paths is not None and min_feature_mm < paths.range_mm[0] * (1 - 1e-9):
+        doubts.append(
+            f"a minimum feature of {format_mm(min_feature_mm)} is below the narrowest bead of the nozzle,"
+            f" {format_mm(paths.range_mm[0])}"
+        )
+    return doubts
+
+
+def _empty_layers(done: list[Layer]) -> list[str]:
+    """A word about layers without anything between others that have something: nothing holds what is above."""
+    solid = [layer.change is None or layer.change.solid_px > 0 for layer in done]
+    if True not in solid:
+        return []
+    first, last = solid.index(True), len(solid) - 1 - solid[::-1].index(True)
+    empty = [layer for layer, full in zip(done[first:last], solid[first:last], strict=True) if not full]
+    if not empty:
+        return []
+    shown = ", ".join(f"{layer.z_mm[0]:.3f}" for layer in empty[:5])
+    more = f" and {len(empty) - 5} more" if len(empty) > 5 else ""
+    return [f"{len(empty)} empty layers in the middle, at z = {shown}{more} mm: what is above them hangs in the air"]

@@ -1,0 +1,222 @@
+"""Extrusion widths as one call: open the part, suggest, band, estimate, and write every file asked for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from layerfix.commands.fix import Options, open_part
+from layerfix.draw.canvas import SUFFIXES as DRAWINGS
+from layerfix.draw.plots import draw_widths
+from layerfix.errors import InputError, OutputError
+from layerfix.fdm import settings_for
+from layerfix.fdm.bands import banded
+from layerfix.fdm.speeds import Speeds, written_time
+from layerfix.files import check_apart, check_target
+from layerfix.formats import write
+from layerfix.formats.solid.width_files import SLICERS, table, write_csv, write_json, write_width_3mf
+from layerfix.layers.correction import correct
+from layerfix.layers.widths import Widths, suggest_widths
+from layerfix.units import format_mm
+
+if TYPE_CHECKING:
+    from layerfix.mesh.triangles import Mesh
+    from layerfix.printers import Printer
+    from layerfix.stack import LayerStack
+
+SUFFIXES = (".3mf", ".gcode", ".csv", ".json", *DRAWINGS)
+
+
+@dataclass(frozen=True)
+class WidthOptions:
+    """What the user asked for; None is "as the printer's file says"."""
+
+    min_mm: float | None = None
+    max_mm: float | None = None
+    step_mm: float = 0.05
+    loss_mm: float = 0.0
+    bands: int = 6
+    band_height_mm: float | None = None
+    slicer: str = "prusa"
+
+
+@dataclass(frozen=True)
+class WidthSummary:
+    """What was suggested and chosen.
+
+    Times are of beads alone, without travels: with the printer's usual width everywhere, with the narrowest of the
+    range everywhere (which prints every layer that is not too thin), and as chosen.
+    """
+
+    source: str
+    targets: tuple[str, ...]
+    layers: int
+    range_mm: tuple[float, float]
+    step_mm: float
+    too_thin: int
+    too_thin_z_mm: tuple[tuple[float, float], ...]
+    ranges: tuple[tuple[float, float, float], ...]
+    usual_width_mm: float
+    seconds_before: float
+    seconds_narrowest: float
+    seconds_after: float
+    melting_share: float
+    limit: str
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+
+def suggest(
+    source: Path,
+    targets: Sequence[Path],
+    options: Options,
+    wanted: WidthOptions,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> WidthSummary:
+    """Suggest a width for every layer of a mesh and write each of `targets` (by suffix, see SUFFIXES).
+
+    Raises InputError for a printer without a nozzle and widths it cannot lay, OutputError for targets, before any
+    work where it can.
+    """
+    started = time.perf_counter()
+    printer = options.printer
+    if printer is None:
+        raise InputError("extrusion widths depend on the nozzle and its speeds: give --printer")
+    settings = settings_for(printer)
+    low, high = wanted.min_mm or settings.range_mm[0], wanted.max_mm or settings.range_mm[1]
+    for width in (low, high):
+        settings.check_width(width)
+    if wanted.slicer not in SLICERS:
+        raise InputError(f"slicer '{wanted.slicer}' is not known; choose from {', '.join(SLICERS)}")
+    if not source.is_file():
+        raise InputError(f"{source}: no such file")
+    for path in targets:
+        _check(path, source, options.force)
+        if targets.count(path) > 1:
+            raise OutputError(f"{path}: is named twice; every output needs a name of its own")
+    px, py = options.pixel_mm or printer.pixel_mm
+    if abs(px - py) > 1e-9 * px and any(path.suffix.lower() == ".gcode" for path in targets):
+        raise InputError(f"pixels of {format_mm(px)} × {format_mm(py)}: G-code needs square pixels; use one pitch")
+    mesh, stack = open_part(source, replace(options, min_feature_mm=options.min_feature_mm or low))
+    stack = stack.with_workers(options.workers)
+    suggested = suggest_widths(stack, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm)
+    layer_mm = float(np.median(stack.z_mm[:, 1] - stack.z_mm[:, 0]))
+    height_mm = 5 * layer_mm if wanted.band_height_mm is None else wanted.band_height_mm
+    chosen = banded(suggested, wanted.bands, min_height_mm=height_mm)
+    summary = _add_up(source, targets, suggested, chosen, printer, settings.width_mm, started)
+    told: list[str] = list(stack.notes)
+    for path in targets:
+        _write(path, mesh, stack, suggested, chosen, summary, options, wanted, progress, told.append)
+    return replace(summary, seconds=time.perf_counter() - started, notes=tuple(told))
+
+
+def _check(path: Path, source: Path, force: bool) -> None:
+    if path.suffix.lower() not in SUFFIXES:
+        raise OutputError(f"{path}: widths are written as {' '.join(SUFFIXES)}")
+    check_apart(path, source)
+    check_target(path, force=force)
+
+
+def _write(
+    path: Path,
+    mesh: Mesh,
+    stack: LayerStack,
+    suggested: Widths,
+    chosen: Widths,
+    summary: WidthSummary,
+    options: Options,
+    wanted: WidthOptions,
+    progress: Callable[[int, int], None],
+    tell: Callable[[str], None],
+) -> None:
+    suffix, printer = path.suffix.lower(), options.printer
+    assert printer is not None  # checked by `suggest`
+    if suffix == ".3mf":
+        write_width_3mf(path, mesh, chosen, slicer=wanted.slicer, bed_mm=printer.build_mm, force=options.force)
+    elif suffix == ".gcode":
+        fixed = correct(stack, min_feature_mm=summary.range_mm[0])
+        write(path, fixed, printer, force=options.force, paths=options.path_settings(), width_mm=chosen.width_mm,
+              watch=lambda index, _: progress(index + 1, len(stack)), tell=tell)  # fmt: skip
+    elif suffix == ".csv":
+        write_csv(path, table(suggested, chosen), force=options.force)
+    elif suffix == ".json":
+        write_json(path, table(suggested, chosen), asdict(summary), force=options.force)
+    else:
+        title = f"{mesh.name}: extrusion widths for {printer.title}"
+        draw_widths(stack, suggested, chosen, title=title).save(path, force=options.force)
+
+
+def _add_up(
+    source: Path,
+    targets: Sequence[Path],
+    suggested: Widths,
+    chosen: Widths,
+    printer: Printer,
+    usual_mm: float,
+    started: float,
+) -> WidthSummary:
+    speeds = Speeds(printer)
+    before, _ = speeds.seconds_by_area(chosen, np.full(len(chosen), usual_mm))
+    narrowest, _ = speeds.seconds_by_area(chosen, np.full(len(chosen), suggested.range_mm[0]))
+    after, melting = speeds.seconds_by_area(chosen, chosen.width_mm)
+    share = melting / after if after else 0.0
+    most = printer.max_volumetric_speed_mm3_s
+    if most and share > 0.5:
+        gain = "gain little" if after < before else "cost time: their thicker walls are more to melt"
+        limit = f"melting: {most:g} mm³/s are reached in {100 * share:.0f} % of the time, so wider beads {gain}"
+    elif most:
+        limit = f"the speeds set for the printer; melting ({most:g} mm³/s) limits {100 * share:.0f} % of the time"
+    else:
+        limit = "the speeds set for the printer; how much it can melt is not known (max_volumetric_speed_mm3_s)"
+    thin = np.flatnonzero(suggested.too_thin)
+    stretches = np.split(thin, np.flatnonzero(np.diff(thin) > 1) + 1) if len(thin) else []
+    too_thin_z = tuple((float(suggested.z_mm[s[0], 0]), float(suggested.z_mm[s[-1], 1])) for s in stretches)
+    return WidthSummary(
+        source=str(source),
+        targets=tuple(map(str, targets)),
+        layers=len(chosen),
+        range_mm=suggested.range_mm,
+        step_mm=suggested.step_mm,
+        too_thin=len(thin),
+        too_thin_z_mm=too_thin_z,
+        ranges=tuple(chosen.ranges()),
+        usual_width_mm=usual_mm,
+        seconds_before=before,
+        seconds_narrowest=narrowest,
+        seconds_after=after,
+        melting_share=share,
+        limit=limit,
+        seconds=time.perf_counter() - started,
+    )
+
+
+def lines_of(summary: WidthSummary) -> list[tuple[str, str]]:
+    """(name, value) of what a user wants to see."""
+    low, high = summary.range_mm
+    rows = [("layers", f"{summary.layers}, widths from {format_mm(low)} to {format_mm(high)}")]
+    if summary.too_thin:
+        shown = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in summary.too_thin_z_mm[:6])
+        more = " …" if len(summary.too_thin_z_mm) > 6 else ""
+        rows.append(("too thin", f"{summary.too_thin} layers, correct these: z = {shown}{more} mm"))
+    rows += [("band", f"{format_mm(width)} from z = {a:.2f} to {b:.2f} mm") for a, b, width in summary.ranges]
+    rows.append(("time", f"{written_time(summary.seconds_after)} of laying beads"))
+    for width, seconds in ((summary.usual_width_mm, summary.seconds_before), (low, summary.seconds_narrowest)):
+        change = 100 * (summary.seconds_after / seconds - 1) if seconds else 0.0
+        rows.append(("", f"{change:+.1f} % against {format_mm(width)} everywhere ({written_time(seconds)})"))
+    rows.append(("limit", summary.limit))
+    if summary.seconds_after > 0.995 * summary.seconds_before:
+        rows.append(
+            (
+                "advice",
+                f"not worth it: {format_mm(summary.usual_width_mm)} everywhere is as fast."
+                + (" Correct the thin layers first (layerfix fix)" if summary.too_thin else ""),
+            )
+        )
+    rows += [("note", note) for note in summary.notes]
+    rows += [("written", target) for target in summary.targets]
+    return rows

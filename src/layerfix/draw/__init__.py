@@ -1,0 +1,1 @@
+"""Pictures: layers before and after, beads, plots."""

@@ -1,0 +1,119 @@
+"""One-pixel lines as chains of pixels, and which points of a polyline are needed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, types
+
+from layerfix.fdm.fields import INDEX_LIST, POINTS, STARTS
+
+MASK = types.Array(types.uint8, 2, "C")
+
+
+@njit
+def _degree(mask, y, x):  # type: ignore[no-untyped-def]
+    count = -1 if mask[y, x] else 0
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            count += mask[y + dy, x + dx] != 0
+    return count
+
+
+@njit
+def _follow(mask, y, x, y2, x2, points, n):  # type: ignore[no-untyped-def]
+    """Walk from (y, x) to (y2, x2) and on to the next pixel without exactly two neighbours, marking what lies
+    between with 2; returns how many points there are then."""
+    points[n, 0], points[n, 1] = x, y
+    n += 1
+    while True:
+        points[n, 0], points[n, 1] = x2, y2
+        n += 1
+        if _degree(mask, y2, x2) != 2 or mask[y2, x2] == 2:
+            return n
+        mask[y2, x2] = 2
+        found = False
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                ny, nx = y2 + dy, x2 + dx
+                if not found and (dy != 0 or dx != 0) and mask[ny, nx] and not (ny == y and nx == x):
+                    next_y, next_x, found = ny, nx, True
+        if not found:
+            return n
+        y, x, y2, x2 = y2, x2, next_y, next_x
+
+
+@njit(types.Tuple((POINTS, STARTS))(MASK, INDEX_LIST, INDEX_LIST), cache=True, nogil=True)
+def trace_lines(mask, rows, columns):  # type: ignore[no-untyped-def]
+    """One-pixel lines as chains of pixels between ends and junctions: (n, 2) x, y and the starts of the chains.
+
+    A lone pixel is a chain of one; a ring ends where it begins. mask: (H, W) uint8, 0 everywhere; it is written to.
+    rows, columns: the pixels of the lines.
+    """
+    solid = rows.shape[0]
+    for k in range(solid):
+        mask[rows[k], columns[k]] = 1
+    points, starts = np.empty((9 * solid + 2, 2)), np.zeros(4 * solid + 2, np.int64)
+    n, chains = 0, 0
+    for rings in range(2):  # first from ends and junctions; what is left then are rings
+        for k in range(solid):
+            y, x = rows[k], columns[k]
+            if mask[y, x] != 1:
+                continue
+            degree = _degree(mask, y, x)
+            if degree == 0 and not rings:
+                points[n, 0], points[n, 1] = x, y
+                n += 1
+                chains += 1
+                starts[chains] = n
+            if (degree == 2) != (rings == 1) or degree == 0:
+                continue
+            for dy in range(-1, 2):
+                for dx in range(-1, 2):
+                    if (dy == 0 and dx == 0) or not mask[y + dy, x + dx]:
+                        continue
+                    if rings == 1:
+                        if mask[y, x] != 1:
+                            continue
+                        mask[y, x] = 2
+                        n = _follow(mask, y, x, y + dy, x + dx, points, n)
+                    else:
+                        other = _degree(mask, y + dy, x + dx)
+                        later = dy > 0 or (dy == 0 and dx > 0)
+                        if other == 2 and mask[y + dy, x + dx] == 2:
+                            continue  # walked from its other end
+                        if other != 2 and (not later or (other > 2 and degree > 2)):
+                            continue  # junction pixels side by side are one junction
+                        n = _follow(mask, y, x, y + dy, x + dx, points, n)
+                    chains += 1
+                    starts[chains] = n
+    return points[:n].copy(), starts[: chains + 1].copy()
+
+
+@njit(types.boolean[::1](POINTS, types.float64), cache=True, nogil=True)
+def needed_points(points, tolerance):  # type: ignore[no-untyped-def]
+    """Which points of an open (n, 3) polyline x, y, width Douglas and Peucker keep: no point that is left out is
+    farther than `tolerance` from the piece that replaces it, in place or in width."""
+    n = points.shape[0]
+    keep = np.zeros(n, np.bool_)
+    keep[0] = keep[n - 1] = True
+    todo = np.empty((n, 2), np.int64)
+    todo[0, 0], todo[0, 1] = 0, n - 1
+    left = 1
+    while left:
+        left -= 1
+        a, b = todo[left, 0], todo[left, 1]
+        ux, uy, uw = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+        length2 = ux * ux + uy * uy
+        farthest, which = tolerance * tolerance, -1
+        for k in range(a + 1, b):
+            vx, vy, vw = points[k, 0] - points[a, 0], points[k, 1] - points[a, 1], points[k, 2] - points[a, 2]
+            t = min(max((vx * ux + vy * uy) / length2, 0.0), 1.0) if length2 > 0 else 0.0
+            away = max((vx - t * ux) ** 2 + (vy - t * uy) ** 2, (vw - t * uw) ** 2)
+            if away > farthest:
+                farthest, which = away, k
+        if which >= 0:
+            keep[which] = True
+            todo[left, 0], todo[left, 1] = a, which
+            todo[left + 1, 0], todo[left + 1, 1] = which, b
+            left += 2
+    return keep

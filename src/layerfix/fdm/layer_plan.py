@@ -1,0 +1,353 @@
+"""One layer → its beads.
+
+The nozzle's centre may be where the meso-skeleton is, so the paths come from it, ring by ring from the outline
+inwards. `remaining` is the distance from the edge of what has no bead yet. A ring is planned on what remains:
+
+  1. Thin it around its erosion by the largest thickness that two or three beads fill. Two-dimensional parts of the
+     result are thick; its one-pixel lines are thin places, of known thickness E.
+  2. The half spacing q of the ring's bead: half of the usual one where it is thick; E / 4 where two beads fill a
+     thin place, E / 6 where three do. The ring is the level set `remaining` = q: closed loops.
+  3. Where E is less than two of the narrowest beads, the line itself is one bead, as wide as the place. It ends where
+     the loop's bead begins, so nothing is laid twice and no gap is left.
+  4. Twice q is taken off `remaining`.
+
+Thicknesses are "effective": a bead's spacing instead of its width, so that beads tile (see `beads.overlap_mm`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from layerfix.bits import unpack
+from layerfix.fdm.beads import EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
+from layerfix.fdm.chains import needed_points
+from layerfix.fdm.fields import (
+    NO_LEVEL,
+    bits_above,
+    bits_higher,
+    bits_unexplained,
+    copy_outside,
+    field_within,
+    half_spacings,
+    middles,
+    paint_balls,
+    paint_ends,
+    pixels_of,
+    take_off,
+    to_edge_mm,
+)
+from layerfix.fdm.infill import rectilinear
+from layerfix.fdm.level_sets import level_loops
+from layerfix.fdm.single_beads import bead_lines
+from layerfix.layers.columns import bounding_box
+from layerfix.layers.components import smaller_than
+from layerfix.layers.flood import flood
+from layerfix.layers.morphology import dilate, opened
+from layerfix.layers.skeleton import thinned_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from layerfix.bits import Rows
+    from layerfix.fdm.settings import PathSettings
+    from layerfix.stack import Layer
+
+    Field = NDArray[np.float32]
+    Floats = NDArray[np.float64]
+
+TOLERANCE_PX = 0.25  # of simplification: 12 µm on the usual raster of an eighth of a nozzle
+TURNS = 160  # small loops get a finer tolerance, their length over this: or round pins would shrink by a tenth
+# Loops follow the blurred distance: by itself it ripples by 0.3 px along stairs of pixels. Where it is thin blurring
+# would move them.
+SMOOTH_PX = 1.5
+BORDER_PX = 0.95  # lines reach so far past the last pixel of their region
+SPOT = 25.0  # thick parts of fewer square spacings than this get no infill
+WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
+WIDTH_STEP_MM = 0.02
+INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
+LEAST_GAP = 0.7  # of the narrowest spacing: what is thinner is left open
+
+
+@dataclass(frozen=True)
+class Beads:
+    """The spacings of a layer in mm: usual, narrowest, widest, and what is added to a spacing for a width."""
+
+    usual: float
+    narrowest: float
+    widest: float
+    overlap: float
+
+    @property
+    def one(self) -> float:
+        """Thinner places get one bead."""
+        return min(2 * self.narrowest, self.widest)
+
+    @property
+    def thick(self) -> float:
+        """From this thickness on, two usual beads leave room for another."""
+        return 2 * self.usual + self.narrowest
+
+
+@dataclass(frozen=True)
+class Ring:
+    """What one round of planning found: loops and chains (n, 3) of x, y in px and spacing in mm, and packed, where
+    it is thick."""
+
+    loops: list[Floats]
+    chains: list[Floats]
+    thick: Rows
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """What all paths of a layer share: its bordered box in the frame, and how a bead becomes a path in mm."""
+
+    box: tuple[int, int, int, int]
+    beads: Beads
+    settings: PathSettings
+    pixel_mm: float
+    origin_mm: tuple[float, float]
+    width_mm: float
+
+    @property
+    def corner_px(self) -> Floats:
+        """The middle of pixel (0, 0) of the bordered box, from the frame's corner."""
+        return np.array([64 * (self.box[2] - 1) + 0.5, self.box[0] - 0.5])
+
+    def path(self, points: Floats, kind: str) -> list[Path]:
+        """(n, 3) x, y in px and spacing in mm, simplified: one path, or none if nothing is left of it."""
+        tolerance_px = min(TOLERANCE_PX, _length(points) / TURNS)
+        kept = points[needed_points(points * np.array([1, 1, WIDTH_SHARE / self.pixel_mm]), tolerance_px)]
+        if len(kept) < 3 and (kept[0, :2] == kept[-1, :2]).all():
+            return []
+        widths = (kept[1:, 2] + kept[:-1, 2]) / 2 + self.beads.overlap
+        steps = self.width_mm + WIDTH_STEP_MM * np.round((widths - self.width_mm) / WIDTH_STEP_MM)
+        scale = np.array([self.pixel_mm, -self.pixel_mm])
+        points_mm = (kept[:, :2] + self.corner_px) * scale + np.array(self.origin_mm)
+        return [Path(points_mm, np.clip(np.round(steps, 4), *self.settings.range_mm), kind)]
+
+
+def plan_layer(
+    below: Sequence[Layer],
+    layer: Layer,
+    above: Sequence[Layer],
+    *,
+    settings: PathSettings,
+    pixel_mm: float,
+    origin_mm: tuple[float, float],
+    width_mm: float,
+    index: int,
+) -> list[Path]:
+    """The paths of a layer, in no order; `below` and `above` are its nearest neighbours (`each_with_neighbours`)."""
+    import cv2
+
+    box = bounding_box(layer.rows)
+    if not box[1]:
+        return []
+    extra = overlap_mm(layer.z_mm[1] - layer.z_mm[0])
+    low, high = settings.range_mm
+    beads = Beads(width_mm - extra, low - extra, high - extra, extra)
+    sheet = _Sheet(box, beads, settings, pixel_mm, origin_mm, width_mm)
+    image = unpack(bordered(layer.rows, box), 64 * (box[3] - box[2] + 2)).view(np.uint8)
+    remaining: Field = np.asarray(cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
+    to_edge_mm(remaining, np.float32(pixel_mm), np.float32(extra / 2))
+    paths, body = _rings(sheet, remaining)
+    if body.any():
+        open_parts = _open_parts(below, layer, above, settings, beads.usual / pixel_mm)
+        paths += _infill(sheet, remaining, body, open_parts, index)
+    return paths
+
+
+def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
+    """(perimeters, single beads and gap fill; where infill goes, packed). `remaining` is written."""
+    paths: list[Path] = []
+    half = np.empty_like(remaining)
+    body = np.zeros((remaining.shape[0], remaining.shape[1] // 64), np.uint64)
+    for level in range(sheet.settings.perimeters):
+        ring = plan_ring(remaining, half, sheet.beads, sheet.pixel_mm, loops=True, feature=level == 0)
+        for line in ring.loops:
+            paths += sheet.path(line, EXTERNAL if level == 0 else PERIMETER)
+        for line in ring.chains:
+            paths += sheet.path(line, EXTERNAL if level == 0 else GAP_FILL)
+        take_off(remaining, half, body)
+    for _ in range(2):  # three beads in a thin place are two rounds
+        ring = plan_ring(remaining, half, sheet.beads, sheet.pixel_mm, loops=False, feature=False)
+        for line in ring.loops + ring.chains:
+            paths += sheet.path(line, GAP_FILL)
+        body |= ring.thick
+        if not ring.loops:
+            break
+        take_off(remaining, half, body)
+    return paths, body
+
+
+def _infill(sheet: _Sheet, remaining: Field, body: Rows, open_parts: tuple[Rows, Rows], index: int) -> list[Path]:
+    """Lines where `body` (packed) is: solid in the open parts, sparse elsewhere; turned from layer to layer."""
+    density, usual = sheet.settings.density, sheet.beads.usual
+    solid, bare = (bordered(rows, sheet.box) for rows in open_parts)
+    if density > 1 - 1e-9:
+        solid = body
+    solid &= body
+    width, half_px = remaining.shape[1], usual / 2 / sheet.pixel_mm
+    turn = math.pi / 4 if index % 2 else -math.pi / 4
+    paths: list[Path] = []
+    # Solid lines turn half a bead inside their border, so that each has its own room; sparse ones hold on to it.
+    for where, share, inset_px in ((solid, 1.0, half_px + BORDER_PX), (body & ~solid, density, 1.0)):
+        if share == 0 or not where.any():
+            continue
+        rest = body & ~where
+        if rest.any():
+            where = where & ~dilate(rest, width, (inset_px, inset_px))
+        field = field_within(remaining, where, np.float32((0.5 - INFILL_OVERLAP) * usual))
+        spacing_px = usual / share / sheet.pixel_mm
+        for points in rectilinear(field, turn, spacing_px, -0.3 * usual, sheet.corner_px):
+            if _length(points) * sheet.pixel_mm <= sheet.width_mm / 2:
+                continue
+            for part, on_top in _parted(points, bare) if share == 1.0 else [(points, False)]:
+                kind = SPARSE if share < 1.0 else TOP if on_top else SOLID
+                paths += sheet.path(np.column_stack([part, np.full(len(part), usual)]), kind)
+    return paths
+
+
+def _parted(points: Floats, mask: Rows) -> list[tuple[Floats, bool]]:
+    """A polyline (n, 2) cut where it enters or leaves a mask (packed), and whether each part lies in it.
+
+    It is looked at every pixel; parts touch where they are cut.
+    """
+    steps = np.maximum(np.ceil(np.hypot(*np.diff(points, axis=0).T)).astype(np.int64), 1)
+    at = np.concatenate([np.arange(n) / n + k for k, n in enumerate(steps)] + [[float(len(steps))]])
+    x = np.interp(at, np.arange(len(points)), points[:, 0])
+    y = np.interp(at, np.arange(len(points)), points[:, 1])
+    column, row = np.rint(x).astype(np.int64), np.rint(y).astype(np.int64)
+    inside = (mask[row, column >> 6] >> (column & 63).astype(np.uint64) & np.uint64(1)).astype(np.bool_)
+    cuts = np.flatnonzero(inside[1:] != inside[:-1]) + 1
+    parts = []
+    for first, last in pairwise([0, *cuts.tolist(), len(at) - 1]):
+        corners = (at == np.floor(at)) & (np.arange(len(at)) > first) & (np.arange(len(at)) < last)
+        chosen = [first, *np.flatnonzero(corners).tolist(), last]
+        if last > first:
+            parts.append((np.column_stack([x[chosen], y[chosen]]), bool(inside[first])))
+    return parts
+
+
+def bordered(rows: Rows, box: tuple[int, int, int, int]) -> Rows:
+    """What of packed rows lies in a box of rows and words, with an empty row and word on each side."""
+    y0, y1, w0, w1 = box
+    return np.pad(rows[y0:y1, w0:w1], 1)
+
+
+def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, loops: bool, feature: bool) -> Ring:
+    """One round (see the module); `half` is written. loops: False leaves thick parts to infill; feature: nothing is
+    too thin to lay."""
+    import cv2
+
+    usual = np.float32(beads.usual / 2) if loops else NO_LEVEL
+    region = bits_above(remaining, np.float32(0))
+    if not region.any():
+        half[:] = usual
+        return Ring([], [], region)
+    width, radius_px = remaining.shape[1], beads.thick / 2 / pixel_mm
+    anchor = bits_above(remaining, np.float32(beads.thick / 2))
+    skeleton = thinned_rows(region, anchor, width, radius_px)
+    thick = dilate(anchor, width, (radius_px, radius_px)) & region
+    local = np.zeros_like(remaining)
+    chains: list[Floats] = []
+    rows, columns = pixels_of(skeleton & ~anchor)
+    middle = middles(remaining, skeleton, rows, columns)
+    thickness = np.ascontiguousarray(middle[:, 0])
+    paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
+    _paint_lobes(local, remaining, thick, beads, pixel_mm)
+    if not loops:  # a spot a little thicker than two beads is laid with them, rather than with stubs of infill
+        spots = smaller_than(thick, SPOT * (beads.usual / pixel_mm) ** 2)
+        thick &= ~spots
+        local[pixels_of(spots)] = beads.thick
+    paint_ends(local, skeleton, rows, columns, thickness, radius_px)
+    half_spacings(half, local, thick, np.float32(beads.one), np.float32(2 * beads.widest), usual)
+    smooth = np.asarray(cv2.GaussianBlur(remaining, (0, 0), SMOOTH_PX), np.float32)
+    copy_outside(remaining, thick, smooth)
+    inside = bits_higher(smooth, half)
+    points, starts = level_loops(smooth, half, inside)
+    chosen = thickness < beads.one
+    if not feature:
+        chosen &= thickness >= LEAST_GAP * beads.narrowest
+    if chosen.any():
+        reach = beads.usual / 2 / pixel_mm
+        covered = unpack(dilate(inside, width, (reach, reach)), width)
+        chosen &= ~covered[rows, columns]
+        line = rows[chosen], columns[chosen], middle[chosen]
+        chains = bead_lines(*line, remaining, pixel_mm, beads.narrowest, dots=feature)
+    points[:, 2] *= 2
+    found = [
+        np.concatenate([points[a:b], points[a : a + 1]])
+        for a, b in pairwise(starts)
+        if _length(points[a:b]) * pixel_mm > 0.6 * beads.narrowest
+    ]
+    return Ring(found, chains, thick)
+
+
+def _paint_lobes(local: Field, remaining: Field, thick: Rows, beads: Beads, pixel_mm: float) -> None:
+    """Add what the skeleton does not know: lobes beyond a neck whose branch was shortened away as a spur.
+
+    The deepest pixel of each such part tells its thickness. Corners of thick parts are none. Lobes that hold one bead
+    only are reached by the neck's own.
+    """
+    import cv2
+
+    width = remaining.shape[1]
+    for _ in range(4):  # behind a lobe may be another
+        parts = bits_unexplained(remaining, local, thick, np.float32(beads.one / 2), np.float32(pixel_mm / 2))
+        if not parts.any():
+            return
+        parts &= ~flood(dilate(thick, width, (1.5, 1.5)), parts)
+        rows, columns = pixels_of(parts)
+        if not len(rows):
+            return
+        _, labels = cv2.connectedComponents(unpack(parts, width).view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
+        part = labels[rows, columns]
+        order = np.lexsort((-remaining[rows, columns], part))
+        deepest = order[np.flatnonzero(np.diff(part[order], prepend=0))]
+        rows, columns = rows[deepest], columns[deepest]
+        thickness = 2 * remaining[rows, columns]
+        paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
+
+
+def _length(points: Floats) -> float:
+    return float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum())
+
+
+def _open_parts(
+    below: Sequence[Layer], layer: Layer, above: Sequence[Layer], settings: PathSettings, bead_px: float
+) -> tuple[Rows, Rows]:
+    """(where the infill is solid, where it is seen from above), packed.
+
+    Solid is what is not solid in all of the next top_layers above or bottom_layers below. Slivers narrower than a
+    bead are left out, and what is left reaches a bead further, to hold on to something.
+    """
+
+    def uncovered(neighbours: Sequence[Layer], wanted: int) -> Rows:
+        if len(neighbours) < wanted:
+            return layer.rows
+        covered = layer.rows
+        for other in neighbours:
+            covered = covered & other.rows
+        return layer.rows & ~covered
+
+    lower = below[len(below) - settings.bottom_layers :] if settings.bottom_layers else ()
+    roof = uncovered(above[:1], 1) if settings.top_layers else np.zeros_like(layer.rows)
+    open_rows = uncovered(above[: settings.top_layers], settings.top_layers) | uncovered(
+        lower, settings.bottom_layers
+    )
+    sliver, reach = (bead_px / 2, bead_px / 2), (bead_px, bead_px)
+    if np.array_equal(open_rows, layer.rows):
+        return open_rows, opened(roof, layer.width, reach)
+    return (
+        dilate(opened(open_rows, layer.width, sliver), layer.width, reach),
+        opened(roof, layer.width, reach),
+    )

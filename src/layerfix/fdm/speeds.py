@@ -1,0 +1,136 @@
+"""How fast a printer lays beads, and how long that takes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from layerfix.fdm.beads import (
+    EXTERNAL,
+    GAP_FILL,
+    PERIMETER,
+    SKIRT,
+    SOLID,
+    SPARSE,
+    TOP,
+    LayerPaths,
+    Path,
+    overlap_mm,
+    section_mm2,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from layerfix.layers.widths import Widths
+    from layerfix.printers import Printer
+
+    Floats = NDArray[np.float64]
+
+# What a printer's file may leave out, with values that any hobby printer takes.
+USUAL = {
+    "external_perimeter_mm_s": 30.0,
+    "perimeter_mm_s": 45.0,
+    "infill_mm_s": 60.0,
+    "solid_infill_mm_s": 60.0,
+    "top_infill_mm_s": 40.0,
+    "gap_fill_mm_s": 40.0,
+    "first_layer_mm_s": 20.0,
+    "travel_mm_s": 120.0,
+    "acceleration_mm_s2": 1000.0,
+    "retract_mm": 0.8,
+    "retract_mm_s": 35.0,
+    "retract_lift_mm": 0.0,
+    "retract_before_travel_mm": 2.0,
+    "filament_mm": 1.75,
+}
+KEY_OF = {
+    EXTERNAL: "external_perimeter_mm_s",
+    PERIMETER: "perimeter_mm_s",
+    SPARSE: "infill_mm_s",
+    SOLID: "solid_infill_mm_s",
+    TOP: "top_infill_mm_s",
+    GAP_FILL: "gap_fill_mm_s",
+    SKIRT: "first_layer_mm_s",
+}
+# A layer that is done sooner is still soft under the next one, so it is laid slower, but not slower than this.
+LEAST_LAYER_S, LEAST_MM_S = 8.0, 10.0
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """A printer's speeds and what limits them; `value` gives any key of `USUAL`."""
+
+    printer: Printer
+
+    def value(self, key: str) -> float:
+        """The printer's, else the usual one."""
+        known = getattr(self.printer, key)
+        return float(USUAL[key] if known is None else known)
+
+    def bead_mm_s(self, kind: str, section_mm2: Floats | float, *, first_layer: bool) -> Floats:
+        """Speed for a kind of path: slower on the first layer and where more would have to melt than can."""
+        usual = self.value(KEY_OF[kind])
+        wanted = min(usual, self.value("first_layer_mm_s")) if first_layer else usual
+        most = self.printer.max_volumetric_speed_mm3_s or math.inf
+        return np.minimum(wanted, most / np.asarray(section_mm2))
+
+    def path_mm_s(self, path: Path, layer_mm: float, *, first_layer: bool, slowed: float = 1.0) -> Floats:
+        """Speed of each piece of a path; `slowed` multiplies it, but not below LEAST_MM_S."""
+        fast = self.bead_mm_s(path.kind, section_mm2(path.width_mm, layer_mm), first_layer=first_layer)
+        return np.maximum(fast * slowed, np.minimum(fast, LEAST_MM_S))
+
+    def seconds(self, layer: LayerPaths, *, first_layer: bool, slowed: float = 1.0) -> float:
+        """How long a layer takes: every path and travel from standstill to standstill."""
+        acceleration = self.value("acceleration_mm_s2")
+        travel = self.value("travel_mm_s")
+        total = 0.0
+        for path in layer.paths:
+            speed = self.path_mm_s(path, layer.layer_mm, first_layer=first_layer, slowed=slowed)
+            total += float((path.lengths_mm / speed).sum()) + float(speed[0]) / acceleration
+        for way in layer.travels_mm():
+            top = min(travel, math.sqrt(way * acceleration))
+            total += way / top + top / acceleration if way else 0.0
+            if way > self.value("retract_before_travel_mm"):
+                total += 2 * self.value("retract_mm") / self.value("retract_mm_s")
+        return total
+
+    def seconds_by_area(
+        self, widths: Widths, width_mm: Floats, *, perimeters: int = 2, density: float = 0.2
+    ) -> tuple[float, float]:
+        """(seconds to lay all layers with these widths, how many of them melting sets the pace), without travels.
+
+        A layer's beads are `perimeters` loops along its outlines and infill of `density` in the rest of its area.
+        """
+        layer_mm = widths.z_mm[:, 1] - widths.z_mm[:, 0]
+        spacing = width_mm - overlap_mm(1.0) * layer_mm
+        section = spacing * layer_mm
+        loops = np.minimum(perimeters * widths.outline_mm, widths.area_mm2 / spacing)
+        outer = np.minimum(widths.outline_mm, loops)
+        filling = np.maximum(widths.area_mm2 - loops * spacing, 0) / spacing * density
+        first = np.arange(len(widths)) == 0
+        most = (self.printer.max_volumetric_speed_mm3_s or math.inf) / section
+        total, melting = 0.0, 0.0
+        for kind, length in ((EXTERNAL, outer), (PERIMETER, loops - outer), (SPARSE, filling)):
+            usual = self.value(KEY_OF[kind])
+            wanted = np.where(first, min(usual, self.value("first_layer_mm_s")), usual)
+            seconds = length / np.minimum(wanted, most)
+            total += float(seconds.sum())
+            melting += float(seconds[most < wanted].sum())
+        return total, melting
+
+    def slowed(self, seconds: float) -> float:
+        """By how much to multiply the speeds of a layer that would be done in so many seconds, at most 1."""
+        return min(1.0, max(seconds, 1e-9) / LEAST_LAYER_S)
+
+
+def written_time(seconds: float) -> str:
+    """As slicers write it: ``1h 4m 9s``."""
+    whole = round(seconds)
+    days, hours, minutes = whole // 86400, whole // 3600 % 24, whole // 60 % 60
+    parts = [(days, "d"), (hours, "h"), (minutes, "m")]
+    first = next((k for k, (n, _) in enumerate(parts) if n), len(parts))
+    return " ".join([f"{n}{unit}" for n, unit in parts[first:]] + [f"{whole % 60}s"])

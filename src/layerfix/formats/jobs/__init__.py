@@ -1,0 +1,1 @@
+"""Resin jobs: read, rewritten in place, and made anew."""

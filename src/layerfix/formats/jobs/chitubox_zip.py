@@ -1,0 +1,77 @@
+"""Chitubox's zip: numbered PNG images and a run.gcode whose comments say the rest.
+
+The comments are lines ``;key:value`` (layerHeight, resolutionX, machineX, totalLayer, volume, weight, price …).
+It is also what Chitubox hands to its export plugins.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from layerfix.errors import InputError
+from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
+from layerfix.formats.jobs.zip_job import check_layers, zip_job
+from layerfix.formats.jobs.zips import Archive
+from layerfix.stack import layer_bounds_mm
+
+if TYPE_CHECKING:
+    from layerfix.formats.options import Hints
+    from layerfix.stack import LayerStack
+
+SUFFIXES = (".zip",)
+GCODE = "run.gcode"
+LARGEST_GCODE = 256 << 20
+LAYER = re.compile(r"[0-9]+\.png")
+
+
+def recognises(archive: Archive) -> bool:
+    """A run.gcode at the top."""
+    return GCODE in archive
+
+
+def read(archive: Archive, hints: Hints) -> LayerStack:
+    """The layers of a job. Raises InputError if neither file nor options say pitch and layer height."""
+    gcode = archive.read(GCODE, LARGEST_GCODE)
+    values = _comments(gcode)
+    names = sorted((n for n in archive.entries if LAYER.fullmatch(n)), key=lambda n: int(n[:-4]))
+    width, height, _ = check_layers(archive, names, (0,))
+    pitch = None
+    if {"machineX", "machineY"} <= values.keys():
+        pitch = round(values["machineX"] / width, 6), round(values["machineY"] / height, 6)
+    pixel_mm = hinted_pitch(hints, pitch)
+    layer_mm = hints.layer_mm or values.get("layerHeight") or (hints.printer.layer_mm if hints.printer else None)
+    if pixel_mm is None or layer_mm is None:
+        raise InputError(f"{archive.path}: {GCODE} does not say machineX, machineY and layerHeight; give --printer")
+    frame = Frame(width, height, pixel_mm, layer_bounds_mm(len(names), layer_mm, hints.first_layer_mm))
+
+    def metadata(totals: Totals, spool: Spool) -> dict[str, bytes]:
+        return {GCODE: _with_volume(gcode, values, totals.added_mm3 / 1000)}
+
+    mirror = "x" if values.get("mirror") else ""
+    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror)
+
+
+def _comments(gcode: bytes) -> dict[str, float]:
+    """``;key:number`` lines of the header; values that are no numbers above 0 are left out."""
+    found = {}
+    for key, value in re.findall(rb"(?m)^;([A-Za-z]+):([0-9.]+)\s*$", gcode[: 1 << 16]):
+        try:
+            number = float(value)
+        except ValueError:
+            continue
+        if number > 0:
+            found[key.decode()] = number
+    return found
+
+
+def _with_volume(gcode: bytes, values: dict[str, float], added_ml: float) -> bytes:
+    """The header with volume (ml), weight and price grown by what was added; every other byte as it was."""
+    if "volume" not in values:
+        return gcode
+    growth = max(values["volume"] + added_ml, 0) / values["volume"]
+    for key in ("volume", "weight", "price"):
+        if key in values:
+            new = f";{key}:{values[key] * growth:.6f}".encode()
+            gcode = re.sub(rb"(?m)^;" + key.encode() + rb":[0-9.]+", new, gcode, count=1)
+    return gcode

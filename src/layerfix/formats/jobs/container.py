@@ -1,0 +1,195 @@
+"""Job files as containers of layers: the stack that reads one, and the rewrite that keeps all the rest.
+
+Round-trip rule: every byte that is not a changed layer's payload is kept. A layer that needs no correction
+keeps its original bytes, so a job that needs nothing comes out byte-identical. What depends on the solid area
+(used material, volume) is recomputed by the format.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from layerfix.errors import InputError
+from layerfix.files import whole_file
+from layerfix.formats.encoding import encoded
+from layerfix.formats.png.decode import Decoded
+from layerfix.stack import Layer, LayerStack
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from layerfix.bits import Rows
+    from layerfix.formats.options import Hints, WriteOptions
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Size, pitch and heights of a job's layers."""
+
+    width: int
+    height: int
+    pixel_mm: tuple[float, float]
+    z_mm: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What changed in a rewritten job, for the entries that depend on it."""
+
+    changed: bool
+    added_mm3: float  # net: what was added less what was removed
+
+
+@dataclass(frozen=True, eq=False)
+class Container:
+    """A job file as it lies on disk.
+
+    suffixes      of its format; a rewrite goes to a file with one of them
+    payload       the raw bytes of a layer by index
+    decode        payload → packed rows, and the grey image if there are greys; may raise InputError
+    encode        rows, or a grey image → payload, like the original one (given for its parameters)
+    save          write the job with some payloads replaced: (target, payload by layer index, totals)
+    """
+
+    path: Path
+    suffixes: tuple[str, ...]
+    payload: Callable[[int], bytes]
+    decode: Callable[[int, bytes], Decoded]
+    encode: Callable[[int, bytes, Rows, NDArray[np.uint8] | None], bytes]
+    save: Callable[[BinaryIO, Spool, Totals], None]
+    threshold: int
+    grey_floor: int
+    mirror: str = ""  # axes along which the images are mirrored against the part seen from above
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """What a layer was decoded from. `rows` is what was solid in it."""
+
+    index: int
+    payload: bytes
+    rows: Rows
+    grey: NDArray[np.uint8] | None
+
+
+class Spool:
+    """New payloads of changed layers, kept in a temporary file that no one sees."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (closed by `close`)
+        self._where: dict[int, tuple[int, int]] = {}
+
+    def add(self, index: int, data: bytes) -> None:
+        self._where[index] = self._file.tell(), len(data)
+        self._file.write(data)
+
+    def __contains__(self, index: int) -> bool:
+        return index in self._where
+
+    def get(self, index: int) -> bytes | None:
+        """The new payload of a layer, or None if it keeps its own."""
+        if index not in self._where:
+            return None
+        at, size = self._where[index]
+        self._file.seek(at)
+        return self._file.read(size)
+
+    def __len__(self) -> int:
+        return len(self._where)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _source(container: Container, index: int) -> _Source:
+    """Read and decode one layer."""
+    payload = container.payload(index)
+    decoded = container.decode(index, payload)
+    rows = decoded.rows
+    if decoded.grey is not None:
+        from layerfix.layers.greys import solid_rows
+
+        rows = solid_rows(decoded.grey, container.threshold, container.grey_floor)
+    return _Source(index, payload, rows, decoded.grey)
+
+
+def container_stack(container: Container, frame: Frame, repeats: NDArray[np.bool_] | None = None) -> LayerStack:
+    """The layers of a job, decoded when asked for. Raises InputError naming the file for an impossible frame."""
+
+    def make(index: int) -> Layer:
+        source = _source(container, index)
+        bottom, top = frame.z_mm[index].tolist()
+        return Layer(source.rows, frame.width, (bottom, top), source=source)
+
+    origin = (0.0, frame.height * frame.pixel_mm[1])
+    try:
+        return LayerStack(frame.width, frame.height, frame.pixel_mm, frame.z_mm, make, origin,
+                          repeats=repeats, container=container)  # fmt: skip
+    except InputError as problem:
+        raise InputError(f"{container.path}: {problem}") from problem
+
+
+def rewrite(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+    """Write a stack that came from a container to a file of the same format, keeping whatever did not change."""
+    container: Container = stack.container
+
+    def encode(layer: Layer) -> bytes | None:
+        source: _Source | None = layer.source
+        if source is None:  # a layer made by someone else's function: found again by its height
+            source = _source(container, int(np.abs(stack.z_mm[:, 0] - layer.z_mm[0]).argmin()))
+        if np.array_equal(layer.rows, source.rows):
+            return None
+        if source.grey is None:
+            return container.encode(source.index, source.payload, layer.rows, None)
+        from layerfix.layers.greys import corrected_greys
+
+        radius_px = layer.change.radius_px if layer.change else (0.5, 0.5)
+        grey = corrected_greys(source.grey, source.rows, layer.rows, radius_px, container.threshold)
+        return container.encode(source.index, source.payload, layer.rows, grey)
+
+    with whole_file(path, force=options.force) as target:
+        spool = Spool(path.absolute().parent)
+        try:
+            added = 0.0
+            area_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
+            heights = stack.z_mm[:, 1] - stack.z_mm[:, 0]
+
+            def watch(index: int, layer: Layer) -> None:
+                nonlocal added
+                if layer.change is not None:
+                    added += (layer.change.added_px - layer.change.removed_px) * area_mm2 * heights[index]
+                if options.watch is not None:
+                    options.watch(index, layer)
+
+            for index, data in enumerate(encoded(stack, encode, watch, once=True)):
+                if data is not None:
+                    spool.add(index, data)
+            if len(spool):
+                container.save(target, spool, Totals(True, float(added)))
+            else:
+                _copy(container.path, target)
+        finally:
+            spool.close()
+
+
+def _copy(source: Path, target: BinaryIO) -> None:
+    """Every byte of the original."""
+    with source.open("rb") as file:
+        while block := file.read(1 << 20):
+            target.write(block)
+
+
+def repeats_of(same: Iterator[bool]) -> NDArray[np.bool_]:
+    """`LayerStack.repeats` from "this layer is the one below", asked of every layer but the first."""
+    return np.array([False, *same], np.bool_)
+
+
+def hinted_pitch(hints: Hints, from_file: tuple[float, float] | None) -> tuple[float, float] | None:
+    """The pitch by the order of precedence: given, the file's, the printer's."""
+    return hints.pixel_mm or from_file or (hints.printer.pixel_mm if hints.printer else None)

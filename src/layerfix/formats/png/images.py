@@ -1,0 +1,204 @@
+"""Layers as numbered PNG files in a folder or a zip: the least common denominator of mask printers.
+
+Files are ordered by the numbers in their names (``9.png`` before ``10.png``). What layerfix writes also
+says what no plain PNG stack says: the pitch (pHYs chunk, and exactly in a tEXt chunk), the origin, and
+each layer's z. Other programs skip those chunks.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from layerfix.bits import mirrored
+from layerfix.errors import InputError
+from layerfix.files import A_LONG_TIME_AGO, reading, whole_file, whole_folder
+from layerfix.formats.encoding import axes_to_mirror, encoded
+from layerfix.formats.jobs.zips import Archive
+from layerfix.formats.png.decode import decode_png
+from layerfix.formats.png.encode import SIGNATURE, encode_png
+from layerfix.stack import Layer, LayerStack, layer_bounds_mm, layer_maker
+
+if TYPE_CHECKING:
+    from layerfix.formats.options import Hints, WriteOptions
+
+TEXT_KEY = "layerfix"
+LARGEST_IMAGE = 1 << 30  # bytes of one PNG file
+HEAD_BYTES = 1024  # IHDR, pHYs and our tEXt come first and are shorter than this
+
+
+class Source(NamedTuple):
+    """Where layers come from: names in order, and the bytes (or the first so many) of one."""
+
+    where: str
+    names: list[str]
+    load: Callable[[str], bytes]
+    head: Callable[[str], bytes]
+
+
+class Head(NamedTuple):
+    """What the start of a PNG says."""
+
+    width: int
+    height: int
+    colour: int
+    pixel_mm: tuple[float, float] | None
+    notes: dict[str, Any]
+
+
+def numeric_order(name: str) -> tuple[Any, ...]:
+    """Sort key that compares runs of digits as numbers: ``layer9`` before ``layer10``."""
+    parts = re.split(r"([0-9]+)", name)
+    return tuple((0, int(part), "") if k % 2 else (1, 0, part.lower()) for k, part in enumerate(parts))
+
+
+def _is_layer(name: str) -> bool:
+    """A PNG file that is no shadow of one (the Finder writes ``._1.png`` and ``__MACOSX/._1.png``)."""
+    return name.lower().endswith(".png") and not PurePosixPath(name).name.startswith("._")
+
+
+def read_folder(path: Path, hints: Hints) -> LayerStack:
+    """Every ``.png`` directly in the folder, as a stack that decodes when asked."""
+    with reading(path):
+        names = sorted((p.name for p in path.iterdir() if _is_layer(p.name) and p.is_file()), key=numeric_order)
+
+    def read(name: str, size: int = -1) -> bytes:
+        with reading(path / name), (path / name).open("rb") as file:
+            return file.read(size)
+
+    return _stack(Source(str(path), names, read, lambda name: read(name, HEAD_BYTES)), hints)
+
+
+def read_zip(archive: Archive, hints: Hints) -> LayerStack:
+    """Every ``.png`` entry of the zip, as a stack that decodes when asked."""
+    names = sorted((n for n in archive.entries if _is_layer(n)), key=numeric_order)
+    return _stack(
+        Source(
+            str(archive.path),
+            names,
+            lambda name: archive.read(name, LARGEST_IMAGE),
+            lambda name: archive.head(name, HEAD_BYTES),
+        ),
+        hints,
+    )
+
+
+def _stack(source: Source, hints: Hints) -> LayerStack:
+    if not source.names:
+        raise InputError(f"{source.where}: no PNG images in it; layers are files such as 0001.png, 0002.png")
+    heads = [_head(f"{source.where}/{name}", source.head(name)) for name in source.names]
+    first = heads[0]
+    for name, head in zip(source.names, heads, strict=True):
+        if (head.width, head.height) != (first.width, first.height):
+            raise InputError(
+                f"{source.where}: {name} is {head.width} × {head.height} px,"
+                f" {source.names[0]} {first.width} × {first.height} px; all layers have one size"
+            )
+    pixel_mm = hints.pixel_mm or first.pixel_mm or (hints.printer.pixel_mm if hints.printer else None)
+    z_mm = _z_mm(heads, hints)
+    if pixel_mm is None or z_mm is None:
+        missing = " and ".join(w for w, v in (("pixel pitch", pixel_mm), ("layer height", z_mm)) if v is None)
+        raise InputError(
+            f"{source.where}: the images do not say their {missing}; give --printer, or --pixel and --layer"
+        )
+    x, y = first.notes.get("origin_mm", (0.0, first.height * pixel_mm[1]))
+
+    def rows(index: int) -> Any:
+        name = source.names[index]
+        return decode_png(source.load(name), f"{source.where}/{name}", (first.width, first.height)).rows
+
+    try:
+        make = layer_maker(rows, first.width, z_mm)
+        return LayerStack(first.width, first.height, pixel_mm, z_mm, make, (x, y), notes=_colour_note(heads))
+    except InputError as problem:
+        raise InputError(f"{source.where}: {problem}") from problem
+
+
+def _colour_note(heads: list[Head]) -> tuple[str, ...]:
+    """A word about images that are not grey: their brightness is read, and written as grey."""
+    coloured = sum(head.colour != 0 for head in heads)
+    return (f"{coloured} of {len(heads)} images are in colour; they are read as grey",) if coloured else ()
+
+
+def _z_mm(heads: list[Head], hints: Hints) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    if hints.layer_mm is not None:
+        return layer_bounds_mm(len(heads), hints.layer_mm, hints.first_layer_mm)
+    bounds = [head.notes.get("z_mm") for head in heads]
+    if None not in bounds:
+        return np.array(bounds, np.float64).reshape(-1, 2)
+    if hints.printer is None:
+        return None
+    return layer_bounds_mm(len(heads), hints.printer.layer_mm, hints.first_layer_mm or hints.printer.first_layer_mm)
+
+
+def _head(where: str, data: bytes) -> Head:
+    """Width, height, pitch and our notes from the first bytes of a PNG. Raises InputError if it is none."""
+    if data[:8] != SIGNATURE or data[12:16] != b"IHDR" or len(data) < 33:
+        raise InputError(f"{where}: not a readable PNG image")
+    width, height, _, colour = struct.unpack(">IIBB", data[16:26])
+    pixel_mm: tuple[float, float] | None = None
+    notes: dict[str, Any] = {}
+    at = 33
+    while at + 8 <= len(data):
+        size, kind = struct.unpack(">I4s", data[at : at + 8])
+        body = data[at + 8 : at + 8 + size]
+        if kind == b"IDAT":
+            break
+        if kind == b"pHYs" and len(body) == 9:
+            x, y, unit = struct.unpack(">IIB", body)
+            if unit == 1 and x and y:
+                pixel_mm = 1000 / x, 1000 / y
+        if kind == b"tEXt" and body.startswith(TEXT_KEY.encode() + b"\0"):
+            notes = _notes(body.partition(b"\0")[2])
+        at += 12 + size
+    if "pixel_mm" in notes:
+        pixel_mm = notes["pixel_mm"]
+    return Head(width, height, colour, pixel_mm, notes)
+
+
+def _notes(text: bytes) -> dict[str, Any]:
+    """Our tEXt chunk: pairs of numbers by name; anything else in it is ignored."""
+    try:
+        found = json.loads(text)
+        return {k: (float(found[k][0]), float(found[k][1])) for k in ("pixel_mm", "origin_mm", "z_mm") if k in found}
+    except (ValueError, TypeError, KeyError, IndexError):
+        return {}
+
+
+def _encoder(stack: LayerStack, bits: int) -> Callable[[Layer], bytes]:
+    axes = axes_to_mirror(stack, "")
+
+    def encode(layer: Layer) -> bytes:
+        rows = mirrored(layer.rows, layer.width, axes)
+        notes = {"pixel_mm": stack.pixel_mm, "origin_mm": stack.origin_mm, "z_mm": layer.z_mm}
+        return encode_png(rows, layer.width, bits=bits, pixel_mm=stack.pixel_mm, text={TEXT_KEY: json.dumps(notes)})
+
+    return encode
+
+
+def layer_name(index: int) -> str:
+    """``00000.png``, ``00001.png`` …: lexical order is numeric order up to 100,000 layers."""
+    return f"{index:05}.png"
+
+
+def write_folder(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+    """One PNG a layer into a new folder."""
+    images = encoded(stack, _encoder(stack, options.bits), options.watch, once=False)
+    with whole_folder(path, force=options.force) as folder:
+        for index, data in enumerate(images):
+            (folder / layer_name(index)).write_bytes(data)
+
+
+def write_zip(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+    """One PNG a layer into a zip, stored: a PNG does not shrink again."""
+    images = encoded(stack, _encoder(stack, options.bits), options.watch, once=False)
+    with whole_file(path, force=options.force) as file, zipfile.ZipFile(file, "w") as archive:
+        for index, data in enumerate(images):
+            archive.writestr(zipfile.ZipInfo(layer_name(index), A_LONG_TIME_AGO), data)

@@ -1,0 +1,63 @@
+"""Corrected layers as a mesh that any slicer reads: binary STL and 3MF.
+
+The mesh is the stack of the layers' prisms (`layerfix.outlines.slabs`), at the place the part had, from z = 0. Slice it with
+the stack's own first layer and layer height: every layer's middle then lies in its slab.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from layerfix.errors import OutputError
+from layerfix.files import whole_file
+from layerfix.formats.solid.package_3mf import write_3mf
+from layerfix.formats.vector.polygons import upright
+from layerfix.mesh.triangles import stl_header, stl_triangles
+
+if TYPE_CHECKING:
+    from layerfix.formats.options import WriteOptions
+    from layerfix.outlines.slabs import Slab
+    from layerfix.stack import LayerStack
+
+MAX_STL_TRIANGLES = 2**32 - 1
+
+
+def write_stl(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+    """Binary STL, triangle by triangle as the layers come."""
+    count = 0
+    with whole_file(path, force=options.force) as file:
+        file.write(stl_header("corrected by layerfix", 0))
+        for slab in _watched(path, stack, options):
+            count += len(slab.faces)
+            if count > MAX_STL_TRIANGLES:
+                raise OutputError(f"{path}: more triangles than an STL file can count; use a larger --tolerance")
+            file.write(stl_triangles(slab.vertices[slab.faces]).tobytes())
+        file.seek(0)
+        file.write(stl_header("corrected by layerfix", count))
+
+
+def write_model_3mf(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+    """3MF, one object; a printer's slicer places it where the part was."""
+    parts = ((slab.vertices, slab.faces) for slab in _watched(path, stack, options))
+    write_3mf(path, parts, force=options.force)
+
+
+def _watched(path: Path, stack: LayerStack, options: WriteOptions) -> Iterator[Slab]:
+    """The slabs of the stack. Raises OutputError if every layer is empty."""
+    from layerfix.outlines.contours import trace_contours
+    from layerfix.outlines.slabs import slabs
+
+    index = 0
+    solid = False
+    for layers, slab in slabs(trace_contours(upright(stack), tolerance_mm=options.tolerance_mm)):
+        for layer in layers:
+            if options.watch is not None:
+                options.watch(index, layer)
+            index += 1
+        if slab is not None:
+            solid = True
+            yield slab
+    if not solid:
+        raise OutputError(f"{path}: every layer is empty, so there is no mesh to write")

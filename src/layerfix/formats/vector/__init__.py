@@ -1,0 +1,1 @@
+"""Outlines and paths as files."""

@@ -1,0 +1,198 @@
+"""Components of a layer: labelled run by run, on `layerfix.layers.columns`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit, types
+
+from layerfix.bits import ROWS, U0, U1, U63, WORK, lowest_bit, popcount
+from layerfix.layers.columns import bounding_box, to_columns, with_border
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from layerfix.bits import Rows
+
+NUMBERS = types.Array(types.int64, 1, "C")
+
+
+@njit
+def _row_runs(columns, y, of_void, runs, n):  # type: ignore[no-untyped-def]
+    """Append (row, first, past the last) of the runs of set (or clear) bits in a row; returns their number."""
+    words = columns.shape[0]
+    start, inside = 0, False
+    for w in range(words):
+        word = ~columns[w, y] if of_void else columns[w, y]
+        if word == U0 and not inside:
+            continue
+        if word == ~U0 and inside:
+            continue
+        # Bits where a run begins or ends: those that differ from the one before.
+        edges = word ^ ((word << U1) | (U1 if inside else U0))
+        while edges != U0:
+            x = w * 64 + lowest_bit(edges)
+            edges &= edges - U1
+            if inside:
+                runs[n, 0], runs[n, 1], runs[n, 2] = y, start, x
+                n += 1
+            else:
+                start = x
+            inside = not inside
+    if inside:
+        runs[n, 0], runs[n, 1], runs[n, 2] = y, start, words * 64
+        n += 1
+    return n
+
+
+@njit
+def _root(parent, k):  # type: ignore[no-untyped-def]
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
+
+
+@njit
+def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
+    """Components of the solid (8-connected) or of the void (4-connected, with the border round the layer).
+
+    Returns (runs (n, 3): row, first, past the last; for each run one of its component, that of the component's first
+    run being itself; number of components).
+    """
+    words, height = columns.shape
+    changes = 0
+    for w in range(words):
+        for y in range(height):
+            before = columns[w - 1, y] >> U63 if w else U0
+            changes += popcount(columns[w, y] ^ ((columns[w, y] << U1) | before))
+    most = changes // 2 + 2 * height
+    runs, parent = np.empty((most, 3), np.int64), np.empty(most, np.int64)
+    reach = 0 if of_void else 1
+    n, above, above_stop, count = 0, 0, 0, 0
+    for y in range(height):
+        first = n
+        n = _row_runs(columns, y, of_void, runs, n)
+        k = above
+        for i in range(first, n):
+            parent[i] = i
+            count += 1
+            while k < above_stop and runs[k, 2] + reach <= runs[i, 1]:
+                k += 1
+            j = k
+            while j < above_stop and runs[j, 1] < runs[i, 2] + reach:
+                a, b = _root(parent, i), _root(parent, j)
+                if a != b:
+                    parent[max(a, b)] = min(a, b)
+                    count -= 1
+                j += 1
+        above, above_stop = first, n
+    return runs[:n], parent[:n], count
+
+
+@njit
+def _has(columns, of_void, y, first, stop):  # type: ignore[no-untyped-def]
+    """Whether row y has a set (or clear) bit in first … stop - 1."""
+    w0, w1 = first >> 6, (stop - 1) >> 6
+    for w in range(w0, w1 + 1):
+        word = ~columns[w, y] if of_void else columns[w, y]
+        if w == w0:
+            word &= ~U0 << np.uint64(first & 63)
+        if w == w1:
+            word &= ~U0 >> np.uint64(63 - ((stop - 1) & 63))
+        if word != U0:
+            return True
+    return False
+
+
+@njit
+def _each_holds(outer, inner, of_void):  # type: ignore[no-untyped-def]
+    """Whether every component of the solid (or void) of `outer` has a pixel of that of `inner`."""
+    runs, parent, _ = label_runs(outer, of_void)
+    alive = np.zeros(parent.shape[0], np.bool_)
+    for i in range(parent.shape[0]):
+        root = _root(parent, i)
+        if not alive[root]:
+            alive[root] = _has(inner, of_void, runs[i, 0], runs[i, 1], runs[i, 2])
+    dead = 0
+    for i in range(parent.shape[0]):
+        dead += parent[i] == i and not alive[i]
+    return dead == 0
+
+
+@njit
+def same_topology(solid, kept, parts, voids):  # type: ignore[no-untyped-def]
+    """Whether kept ⊆ solid has one component in each of the solid's, and one void round each of its voids.
+
+    parts, voids: how many components and voids the solid has.
+    """
+    return (
+        label_runs(kept, False)[2] == parts
+        and label_runs(kept, True)[2] == voids
+        and _each_holds(solid, kept, False)
+        and _each_holds(kept, solid, True)
+    )
+
+
+@njit(WORK(ROWS, types.int64), cache=True, nogil=True)
+def _smaller_than(rows, area_px):  # type: ignore[no-untyped-def]
+    out = np.zeros(rows.shape, np.uint64)
+    outer = with_border(bounding_box(rows), 0, 0)
+    runs, parent, _ = label_runs(to_columns(rows, outer), False)
+    areas = np.zeros(parent.shape[0], np.int64)
+    for k in range(parent.shape[0]):
+        areas[_root(parent, k)] += runs[k, 2] - runs[k, 1]
+    for k in range(parent.shape[0]):
+        if areas[_root(parent, k)] < area_px:
+            y, shift = runs[k, 0] + outer[0], 64 * outer[2]
+            for x in range(runs[k, 1] + shift, runs[k, 2] + shift):
+                out[y, x >> 6] |= U1 << np.uint64(x & 63)
+    return out
+
+
+def smaller_than(rows: Rows, area_px: float) -> Rows:
+    """(H, words): the components (8-connected) of a packed layer that have fewer pixels than that."""
+    if not rows.any():
+        return np.zeros_like(rows)
+    small: Rows = _smaller_than(rows, int(np.ceil(area_px)))
+    return small
+
+
+@njit(types.UniTuple(NUMBERS, 2)(ROWS, NUMBERS, NUMBERS), cache=True, nogil=True)
+def _components_at(rows, xs, ys):  # type: ignore[no-untyped-def]
+    outer = with_border(bounding_box(rows), 0, 0)
+    columns = to_columns(rows, outer)
+    runs, parent, _ = label_runs(columns, False)
+    areas = np.zeros(parent.shape[0], np.int64)
+    first = np.zeros(columns.shape[1] + 1, np.int64)  # of each row's runs
+    for k in range(parent.shape[0]):
+        areas[_root(parent, k)] += runs[k, 2] - runs[k, 1]
+        first[runs[k, 0] + 1] = k + 1
+    for y in range(columns.shape[1]):
+        first[y + 1] = max(first[y + 1], first[y])
+    found = np.zeros(xs.shape[0], np.int64)
+    for i in range(xs.shape[0]):
+        y, x = min(max(ys[i] - outer[0], 0), columns.shape[1] - 1), xs[i] - 64 * outer[2]
+        nearest = np.int64(1) << 62
+        for k in range(first[y], first[y + 1]):
+            away = max(runs[k, 1] - x, x - runs[k, 2] + 1, 0)
+            if away < nearest:
+                nearest, found[i] = away, _root(parent, k)
+    return found, areas[areas > 0]
+
+
+def components_at(
+    rows: Rows, xs: NDArray[np.int64], ys: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which component (8-connected) of a packed layer some pixels belong to, and how large all of them are.
+
+    xs, ys   (n,) columns and rows; a pixel that is not solid belongs to the nearest solid one of its row
+    returns  ((n,) a number for each pixel, alike where the component is; (components,) pixels in each)
+    """
+    if not rows.any():
+        return np.zeros(len(xs), np.int64), np.zeros(0, np.int64)
+    found: tuple[NDArray[np.int64], NDArray[np.int64]] = _components_at(
+        rows, np.ascontiguousarray(xs, np.int64), np.ascontiguousarray(ys, np.int64)
+    )
+    return found

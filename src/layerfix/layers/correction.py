@@ -1,0 +1,152 @@
+"""The method: thicken exactly what is narrower than the minimum feature F (paper, Algorithm 1, one slice).
+
+Ŝ = M̂ ⊕ F, where M̂ is the meso-skeleton. Mode "as_printed" gives Ŝ: every feature is at least F, corners
+come out as round as the tool makes them. Mode "add_only" gives S ∪ Ŝ, for printers that draw with a mask:
+nothing that was there is taken away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit, types
+
+from layerfix.bits import ROWS, WORK, pack, popcount, unpack
+from layerfix.errors import InputError
+from layerfix.layers.columns import to_columns, to_rows
+from layerfix.layers.morphology import HALF_WIDTHS, dilate_columns, disc_half_widths, erode_columns, working_box
+from layerfix.layers.skeleton import Radius, check_spurs, radii_px, thin_anchored
+from layerfix.layers.thickness import narrowest
+from layerfix.stack import Change
+from layerfix.units import format_mm
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from layerfix.bits import Rows
+    from layerfix.stack import Layer, LayerStack
+
+MODES = ("as_printed", "add_only")
+
+
+@njit(types.UniTuple(types.int64, 3)(ROWS, WORK), cache=True, nogil=True)
+def _count_changes(before, after):  # type: ignore[no-untyped-def]
+    """(solid before, added, removed) in pixels."""
+    solid, added, removed = 0, 0, 0
+    for y in range(before.shape[0]):
+        for w in range(before.shape[1]):
+            a, b = before[y, w], after[y, w]
+            if a:
+                solid += popcount(a)
+            if a != b:
+                added += popcount(b & ~a)
+                removed += popcount(a & ~b)
+    return solid, added, removed
+
+
+@njit(
+    types.Tuple((WORK, types.UniTuple(types.int64, 3), types.float64))(
+        ROWS, types.int64, HALF_WIDTHS, types.float64, types.boolean, types.boolean, types.float64, types.float64
+    ),
+    cache=True,
+    nogil=True,
+)
+def _correct(rows, width, half_widths, spur_rounds, add_only, measure, px_mm, py_mm):  # type: ignore[no-untyped-def]
+    """(corrected rows, pixels before, added and removed, narrowest width in mm or inf)."""
+    out = np.zeros(rows.shape, np.uint64)
+    outer = working_box(rows, half_widths)
+    if outer[1] == 0:
+        return out, (0, 0, 0), np.inf
+    solid = to_columns(rows, outer)
+    skeleton, anchor, scratch = solid.copy(), np.empty_like(solid), np.empty_like(solid)
+    erode_columns(solid, half_widths, anchor, scratch)
+    thin_anchored(skeleton, anchor, spur_rounds, scratch)
+    limit_mm = 2 * max(half_widths[0] + 1, half_widths.shape[0]) * max(px_mm, py_mm)
+    thinnest = limit_mm
+    if measure:
+        thinnest = narrowest(solid, skeleton, anchor, limit_mm, px_mm, py_mm)
+    printed = anchor  # done with as the anchor
+    dilate_columns(skeleton, half_widths, printed, scratch)
+    if add_only:
+        for w in range(solid.shape[0]):
+            for i in range(solid.shape[1]):
+                printed[w, i] |= solid[w, i]
+    to_rows(printed, outer, width, out)
+    return out, _count_changes(rows, out), thinnest if thinnest < limit_mm else np.inf
+
+
+def feature_radius_px(min_feature_mm: float, pixel_mm: tuple[float, float]) -> tuple[float, float]:
+    """(rx, ry) of F in pixels: half the minimum feature over the pitch on each axis.
+
+    Raises InputError if it is not above 0, or so small that F is a single pixel and nothing can be too thin.
+    """
+    if not 0 < min_feature_mm < np.inf:
+        raise InputError(f"minimum feature {min_feature_mm} mm: it must be above 0")
+    rx, ry = min_feature_mm / 2 / pixel_mm[0], min_feature_mm / 2 / pixel_mm[1]
+    if max(rx, ry) < 1 - 1e-9:
+        raise InputError(
+            f"minimum feature {format_mm(min_feature_mm)} is under two pixels of"
+            f" {' × '.join(format_mm(p) for p in sorted(set(pixel_mm)))}: no layer can hold anything thinner,"
+            " so there is nothing to correct; use smaller pixels or a larger feature"
+        )
+    return rx, ry
+
+
+def _check_mode(mode: str) -> None:
+    if mode not in MODES:
+        raise InputError(f"mode='{mode}' is not known; choose from {', '.join(MODES)}")
+
+
+def correct(
+    stack: LayerStack, *, min_feature_mm: float, mode: str = "as_printed", spurs: str = "paper"
+) -> LayerStack:
+    """The stack with everything narrower than `min_feature_mm` thickened to it (paper, Algorithm 1).
+
+    min_feature_mm  diameter of F, the smallest dot or bead the printer makes
+    mode            "as_printed": M̂ ⊕ F; "add_only": S ∪ (M̂ ⊕ F)
+    spurs           the end-point rule of the meso-skeleton, see `meso_skeleton`
+    returns         a stack of the same frame and z's; each layer carries its `Change`. What F would add past
+                    the frame's edge is cut off, so leave min_feature_mm / 2 of margin
+    raises          InputError for a feature that is not above 0, under two pixels or larger than the frame
+    """
+    _check_mode(mode)
+    check_spurs(spurs)
+    rx, ry = feature_radius_px(min_feature_mm, stack.pixel_mm)
+    if 2 * rx > stack.width and 2 * ry > stack.height:
+        raise InputError(
+            f"minimum feature {format_mm(min_feature_mm)} is larger than the layers, which are"
+            f" {format_mm(stack.width * stack.pixel_mm[0])} × {format_mm(stack.height * stack.pixel_mm[1])}"
+        )
+    half_widths = disc_half_widths(rx, ry)
+    px_mm, py_mm = stack.pixel_mm
+    add_only = mode == "add_only"
+
+    def corrected(layer: Layer) -> Layer:
+        rows, counts, thinnest = _correct(
+            layer.rows, layer.width, half_widths, max(rx, ry), add_only, True, px_mm, py_mm
+        )
+        solid, added, removed = counts
+        change = Change(solid, added, removed, thinnest if np.isfinite(thinnest) else None, (rx, ry))
+        return replace(layer, rows=rows, change=change)
+
+    return stack.map(corrected)
+
+
+def correct_rows(rows: Rows, width: int, radius: tuple[float, float], mode: str) -> Rows:
+    """One layer corrected as packed rows: (H, words) → (H, words); radius is (rx, ry) in px."""
+    _check_mode(mode)
+    half_widths = disc_half_widths(*radius)
+    corrected: Rows = _correct(rows, width, half_widths, max(radius), mode == "add_only", False, 1.0, 1.0)[0]
+    return corrected
+
+
+def correct_image(
+    image: ArrayLike, radius_px: Radius, mode: str = "as_printed", *, spurs: str = "paper"
+) -> NDArray[np.bool_]:
+    """One layer corrected: (H, W) bool → (H, W) bool. Arguments as in `meso_skeleton` and `correct`."""
+    check_spurs(spurs)
+    rows = pack(image)
+    width = np.shape(image)[1]
+    return unpack(correct_rows(rows, width, radii_px(radius_px), mode), width)

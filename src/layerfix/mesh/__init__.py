@@ -1,0 +1,1 @@
+"""Meshes: read, closed, sliced to a stack."""

@@ -1,0 +1,1 @@
+"""Outlines of layers, and the solid they stack up to."""
