@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import layerfix
+from layerfix.layers.correction import correct_image
 from layerfix.mesh.triangles import Mesh, save_stl
 
 SOURCE = Path(layerfix.__file__).parents[1]  # what PYTHONPATH needs so that a new process finds this package
@@ -176,6 +177,11 @@ def turned(mesh: Mesh, axis: str, degrees: float) -> Mesh:
 def thin_part() -> Mesh:
     """A 6 × 4 mm plate, 0.5 mm thick, with a 1.5 mm high fin of 0.1 mm: quick to slice, and something to fix."""
     return joined(box([0, 0, 0], [6, 4, 0.5]), box([2, 0.5, 0.25], [2.1, 3.5, 2]))
+
+
+def corrected_on_panel(image: np.ndarray, radius_px: tuple[float, float], mode: str) -> np.ndarray:
+    """(H, W) bool: what a panel mirrored along x shows of a correction, from what it showed before."""
+    return correct_image(image[:, ::-1], radius_px, mode)[:, ::-1]
 
 
 def write_stl(path: Path, mesh: Mesh) -> Path:

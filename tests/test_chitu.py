@@ -12,9 +12,8 @@ from scipy import ndimage
 
 from layerfix import correct, read, write
 from layerfix.errors import InputError, OutputError
-from layerfix.layers.correction import correct_image
 from tests import independent_readers as plain
-from tests.making import SHARED, contents
+from tests.making import SHARED, contents, corrected_on_panel
 
 SAMPLES = SHARED / "samples"
 SIZE = 40, 90
@@ -60,7 +59,7 @@ def check_layers(before: plain.ChituJob, after: plain.ChituJob, radius_px: tuple
     """Assert what a correction may do to every layer; the number of layers it changed."""
     count, changed = len(before.layers), 0
     for i, (old, new) in enumerate(zip(before.layers, after.layers, strict=True)):
-        expected = correct_image(old >= 128, radius_px, "add_only")
+        expected = corrected_on_panel(old >= 128, radius_px, "add_only")
         assert np.array_equal(new >= 128, expected), f"layer {i}"
         added = expected & (old < 128)
         assert (new >= old).all(), f"layer {i} got darker"
@@ -82,7 +81,7 @@ def test_made_up_files_are_read_exactly(tmp_path, kind, level):
     assert stack.pixel_mm == (0.05, 0.05)
     assert np.allclose(stack.z_mm[:, 1], 0.05 * np.arange(1, 6))
     for layer, image in zip(stack, plain.read_chitu(path).layers, strict=True):
-        assert np.array_equal(layer.image(), image >= 128)
+        assert np.array_equal(layer.image(), image[:, ::-1] >= 128)
 
 
 @every_kind
@@ -97,7 +96,7 @@ def test_greys_are_read_exactly(tmp_path, kind):
             assert np.array_equal(decoded.grey, image)
         else:
             assert set(np.unique(image)) <= {0, 255}
-        assert np.array_equal(stack[i].image(), image >= 128)
+        assert np.array_equal(stack[i].image(), image[:, ::-1] >= 128)
 
 
 @every_kind
@@ -157,7 +156,7 @@ def test_as_printed_removes_corners(tmp_path, kind):
     source = made(tmp_path, kind, drawn())
     after = plain.read_chitu(corrected_copy(source, "as_printed"))
     for old, new in zip(plain.read_chitu(source).layers, after.layers, strict=True):
-        expected = correct_image(old >= 128, (3, 3), "as_printed")
+        expected = corrected_on_panel(old >= 128, (3, 3), "as_printed")
         assert np.array_equal(new >= 128, expected)
         assert not new[(old >= 128) & ~expected].any()
 
@@ -188,7 +187,7 @@ def test_equal_data_that_are_stored_once(tmp_path):
     after = plain.read_chitu(target)
     assert after.entries[1][4] < before.entries[1][4]
     assert np.array_equal(after.layers[0], before.layers[0])
-    assert np.array_equal(after.layers[1] >= 128, correct_image(dots > 0, (2.5, 2.5), "add_only"))
+    assert np.array_equal(after.layers[1] >= 128, corrected_on_panel(dots > 0, (2.5, 2.5), "add_only"))
 
 
 def test_a_layer_that_is_one_pixel_short(tmp_path):
@@ -198,7 +197,7 @@ def test_a_layer_that_is_one_pixel_short(tmp_path):
     data[-1] -= 1
     path.write_bytes(data)
     image = read(path)[0].image()
-    assert not image[-1, -1]
+    assert not image[-1, 0]  # the panel is mirrored
     assert image.sum() == image.size - 1
 
 
@@ -244,7 +243,7 @@ def test_another_threshold(tmp_path, kind):
     target = source.with_name("fixed" + source.suffix)
     write(target, correct(read(source, threshold=200, grey_floor=0), min_feature_mm=FEATURE_MM, mode="add_only"))
     for old, new in zip(plain.read_chitu(source).layers, plain.read_chitu(target).layers, strict=True):
-        assert np.array_equal(new >= 200, correct_image(old >= 200, (3, 3), "add_only"))
+        assert np.array_equal(new >= 200, corrected_on_panel(old >= 200, (3, 3), "add_only"))
         assert (new >= old).all()
 
 
@@ -297,7 +296,7 @@ def test_sample_files(tmp_path, name):
     assert (stack.width, stack.height, len(stack)) == (1440, 2560, len(before.layers))
     assert stack.pixel_mm == pytest.approx((0.047, 0.047), abs=5e-4)
     for layer, image in zip(stack, before.layers, strict=True):
-        assert np.array_equal(layer.image(), image > 0)
+        assert np.array_equal(layer.image(), image[:, ::-1] > 0)
     target = tmp_path / name
     write(target, correct(stack, min_feature_mm=0.3, mode="add_only"))
     after = plain.read_chitu(target)

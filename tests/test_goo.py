@@ -11,9 +11,8 @@ from scipy import ndimage
 
 from layerfix import correct, read, write
 from layerfix.errors import InputError
-from layerfix.layers.correction import correct_image
 from tests import independent_readers as plain
-from tests.making import contents
+from tests.making import contents, corrected_on_panel
 
 SIZE = 40, 90
 FEATURE_MM = 0.3  # six pixels
@@ -56,7 +55,7 @@ def test_made_up_files_are_read_exactly(tmp_path, differences):
     assert np.allclose(stack.z_mm, [[0.05 * i, 0.05 * (i + 1)] for i in range(3)])
     for i, image in enumerate(greys()):
         assert np.array_equal(stack.container.decode(i, stack.container.payload(i)).grey, image)
-        assert np.array_equal(stack[i].image(), image >= 128)
+        assert np.array_equal(stack[i].image(), image[:, ::-1] >= 128)
 
 
 @pytest.mark.parametrize("differences", [False, True])
@@ -82,7 +81,7 @@ def test_a_corrected_file(tmp_path, level):
     added_px = 0
     for i, (old, new) in enumerate(zip(before.layers, after.layers, strict=True)):
         solid = old >= 128
-        expected = correct_image(solid, (3, 3), "add_only")
+        expected = corrected_on_panel(solid, (3, 3), "add_only")
         added = expected & ~solid
         added_px += int(added.sum())
         assert np.array_equal(new >= 128, expected), f"layer {i}"
@@ -148,7 +147,7 @@ def test_as_printed_removes_corners(tmp_path):
     source = made(tmp_path, drawn(200))
     after = plain.read_goo(corrected_copy(source, "as_printed"))
     for old, new in zip(plain.read_goo(source).layers, after.layers, strict=True):
-        assert np.array_equal(new >= 128, correct_image(old >= 128, (3, 3), "as_printed"))
+        assert np.array_equal(new >= 128, corrected_on_panel(old >= 128, (3, 3), "as_printed"))
 
 
 def test_greys_of_four_bits(tmp_path):
@@ -177,7 +176,7 @@ def test_pixels_that_are_not_square(tmp_path):
     assert read(source).pixel_mm == (0.019, 0.024)
     target = tmp_path / "fixed.goo"
     write(target, correct(read(source), min_feature_mm=0.1, mode="add_only"))
-    expected = correct_image(drawn()[1] > 0, (0.05 / 0.019, 0.05 / 0.024), "add_only")
+    expected = corrected_on_panel(drawn()[1] > 0, (0.05 / 0.019, 0.05 / 0.024), "add_only")
     assert np.array_equal(plain.read_goo(target).layers[1] > 0, expected)
 
 

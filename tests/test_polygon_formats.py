@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
@@ -221,22 +220,6 @@ def test_who_watches_is_told_of_each_layer(tmp_path, kind):
     assert [k for k, _ in seen] == list(range(len(stack)))
     assert [layer.z_mm for _, layer in seen] == [tuple(z) for z in stack.z_mm]
     assert all(layer.change is not None and layer.rows.size == 0 for _, layer in seen)
-
-
-@every_kind
-@pytest.mark.parametrize("mirror", ["", "x", "y", "xy"])
-def test_layers_of_a_job_are_turned_as_the_part_is(tmp_path, kind, mirror):
-    """A job holds what its panel shows, often mirrored; outlines are the part seen from above."""
-    stack = drawn_layers()
-
-    def panel(layer: Any) -> Any:
-        image = layer.image()[:, :: -1 if "x" in mirror else 1][:: -1 if "y" in mirror else 1]
-        return LayerStack.from_images([image], pixel_mm=1, layer_mm=1)[0]
-
-    job = replace(stack.map(panel), container=SimpleNamespace(mirror=mirror))
-    kind.write(tmp_path / "straight", stack, kind.options)
-    kind.write(tmp_path / "job", job, kind.options)
-    assert (tmp_path / "straight").read_bytes() == (tmp_path / "job").read_bytes()
 
 
 @every_kind

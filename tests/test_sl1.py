@@ -16,10 +16,9 @@ from scipy import ndimage
 from layerfix import correct, load_printer, read, write
 from layerfix.bits import pack
 from layerfix.errors import InputError
-from layerfix.layers.correction import correct_image
 from layerfix.stack import Layer, LayerStack
 from tests import independent_readers as plain
-from tests.making import SHARED, contents
+from tests.making import SHARED, contents, corrected_on_panel
 
 SAMPLES = SHARED / "samples"
 FEATURE_MM = 0.3
@@ -70,7 +69,7 @@ def check(job: Corrected) -> int:
         key = old.tobytes()
         if key not in known:
             solid = solid_in(old)
-            known[key] = solid, correct_image(solid, radius_px, "add_only")
+            known[key] = solid, corrected_on_panel(solid, radius_px, "add_only")
         solid, expected = known[key]
         added = expected & ~solid
         added_px += added.sum()
@@ -119,7 +118,7 @@ def test_samples_are_read(sample):
     assert sample.stack.pixel_mm == pytest.approx((pitch, pitch), abs=1e-6)
     assert sample.stack.z_mm[0, 0] == 0
     for layer, grey in zip(sample.stack, sample.before, strict=True):
-        assert np.array_equal(layer.image(), solid_in(grey))
+        assert np.array_equal(layer.image(), solid_in(grey)[:, ::-1])
 
 
 def test_corrected_samples(sample):
@@ -281,7 +280,9 @@ def test_used_material(tmp_path, line, expected):
     if expected is None:
         assert new == old
         return
-    added = sum((correct_image(g > 0, (3, 3), "add_only").sum() - (g > 0).sum()) * 0.05**3 / 1000 for g in drawn())
+    added = sum(
+        (corrected_on_panel(g > 0, (3, 3), "add_only").sum() - (g > 0).sum()) * 0.05**3 / 1000 for g in drawn()
+    )
     assert float(plain.ini(new.decode())["usedMaterial"]) == pytest.approx(expected + added, abs=1e-6)
     assert new.replace(b" ", b"").split(b"usedMaterial=")[0] == old.replace(b" ", b"").split(b"usedMaterial=")[0]
     assert new.count(b"\r\n") == old.count(b"\r\n")
@@ -296,7 +297,7 @@ def test_layers_of_one_bit_stay_so(tmp_path):
         entries[name] = buffer.getvalue()
     source = plain.write_zip(tmp_path / "part.sl1", entries)
     target = corrected_copy(source)
-    expected = correct_image(drawn()[1] > 0, (3, 3), "add_only")
+    expected = corrected_on_panel(drawn()[1] > 0, (3, 3), "add_only")
     assert np.array_equal(plain.sl1_layers(target)[1] > 0, expected)
     with zipfile.ZipFile(target) as archive:
         assert archive.read("part00001.png")[24] == 1
@@ -306,7 +307,7 @@ def test_as_printed_removes_corners(tmp_path):
     """The other mode: what is solid afterwards is exactly the correction."""
     source = plain.write_sl1(tmp_path / "part.sl1", drawn(200))
     for old, new in zip(drawn(200), plain.sl1_layers(corrected_copy(source, "as_printed")), strict=True):
-        assert np.array_equal(new >= 128, correct_image(old >= 128, (3, 3), "as_printed"))
+        assert np.array_equal(new >= 128, corrected_on_panel(old >= 128, (3, 3), "as_printed"))
 
 
 def test_layers_that_have_forgotten_where_they_come_from(tmp_path):
@@ -317,7 +318,7 @@ def test_layers_that_have_forgotten_where_they_come_from(tmp_path):
     cut = stack.map(lambda layer: Layer(pack(layer.image() & hole), layer.width, layer.z_mm))
     write(tmp_path / "cut.sl1", cut)
     for old, new in zip(drawn(200), plain.sl1_layers(tmp_path / "cut.sl1"), strict=True):
-        assert np.array_equal(new >= 128, (old >= 128) & hole)
+        assert np.array_equal(new >= 128, (old >= 128) & hole[:, ::-1])
 
 
 @pytest.mark.parametrize("workers", [1, 3])

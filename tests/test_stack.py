@@ -566,21 +566,3 @@ def test_an_error_while_making_a_layer_at_an_index_is_its_own():
 
     with pytest.raises(BrokenLayerError, match="3"):
         stack_by(make, 5, 2)[-2]
-
-
-@pytest.mark.parametrize("axes", ["", "x", "y", "xy"])
-def test_layers_cut_from_a_mirrored_job_are_seen_from_above(axes):
-    """A slice has no container that says how its panel shows it, so its layers are turned back."""
-    from dataclasses import replace
-    from types import SimpleNamespace
-
-    from layerfix.bits import mirrored
-
-    image = np.zeros((5, 70), bool)
-    image[0, :3] = image[1, 0] = True
-    seen = LayerStack.from_images([image] * 3, pixel_mm=1.0, layer_mm=1.0)
-    shown = seen.map(lambda layer: replace(layer, rows=mirrored(layer.rows, layer.width, axes)))
-    job = replace(shown, container=SimpleNamespace(mirror=axes, suffixes=(".sl1",)))
-    assert job[1:].container is None
-    assert all(np.array_equal(layer.image(), image) for layer in job[1:])
-    assert all(np.array_equal(layer.image(), image) for layer in job[1:][1:])

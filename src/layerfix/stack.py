@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 
-from layerfix.bits import mirrored, pack, unpack, words_for
+from layerfix.bits import pack, unpack, words_for
 from layerfix.errors import InputError
 from layerfix.units import one_or_two
 
@@ -186,13 +186,9 @@ class LayerStack(Sequence[Layer]):
             repeats = self.repeats[index].copy() if self.repeats is not None and chosen.step == 1 else None
             if repeats is not None and len(repeats):
                 repeats[0] = False
-            axes = self.container.mirror if self.container is not None else ""
-
-            def seen_from_above(i: int) -> Layer:
-                layer = make(chosen[i])
-                return replace(layer, rows=mirrored(layer.rows, layer.width, axes), source=None) if axes else layer
-
-            return replace(self, z_mm=self.z_mm[index], make=seen_from_above, repeats=repeats, container=None)
+            return replace(
+                self, z_mm=self.z_mm[index], make=lambda i: make(chosen[i]), repeats=repeats, container=None
+            )
         if not -len(self) <= index < len(self):
             raise IndexError(f"layer {index} of {len(self)}")
         return self.make(index % len(self))

@@ -52,12 +52,3 @@ def checked_printer(path: Path, stack: LayerStack, options: WriteOptions, suffix
             f" {' × '.join(map(str, printer.pixels or ()))}; slice for this printer (without --pixel)"
         )
     return printer
-
-
-def axes_to_mirror(stack: LayerStack, panel: str) -> str:
-    """Axes to mirror a stack's layers along for a target whose images are mirrored along `panel`.
-
-    Layers of a job are as its panel shows them, mirrored or not; all others are the part seen from above.
-    """
-    now = stack.container.mirror if stack.container is not None else ""
-    return "".join(axis for axis in "xy" if (axis in now) != (axis in panel))

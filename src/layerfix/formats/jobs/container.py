@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
+from layerfix.bits import mirrored
 from layerfix.errors import InputError
 from layerfix.files import whole_file
 from layerfix.formats.encoding import encoded
@@ -54,6 +55,8 @@ class Container:
     payload       the raw bytes of a layer by index
     decode        payload → packed rows, and the grey image if there are greys; may raise InputError
     encode        rows, or a grey image → payload, like the original one (given for its parameters)
+    mirror        axes along which its images are mirrored against the part seen from above; layers are un-mirrored
+                  where they become a stack and mirrored again in `rewrite`, and nothing in between knows of panels
     save          write the job with some payloads replaced: (target, payload by layer index, totals)
     """
 
@@ -65,12 +68,12 @@ class Container:
     save: Callable[[BinaryIO, Spool, Totals], None]
     threshold: int
     grey_floor: int
-    mirror: str = ""  # axes along which the images are mirrored against the part seen from above
+    mirror: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """What a layer was decoded from. `rows` is what was solid in it."""
+    """What a layer was decoded from, as the panel shows it. `rows` is what was solid in it."""
 
     index: int
     payload: bytes
@@ -125,7 +128,8 @@ def container_stack(container: Container, frame: Frame, repeats: NDArray[np.bool
     def make(index: int) -> Layer:
         source = _source(container, index)
         bottom, top = frame.z_mm[index].tolist()
-        return Layer(source.rows, frame.width, (bottom, top), source=source)
+        seen = mirrored(source.rows, frame.width, container.mirror)
+        return Layer(seen, frame.width, (bottom, top), source=source)
 
     origin = (0.0, frame.height * frame.pixel_mm[1])
     try:
@@ -143,15 +147,16 @@ def rewrite(path: Path, stack: LayerStack, options: WriteOptions) -> None:
         source: _Source | None = layer.source
         if source is None:  # a layer made by someone else's function: found again by its height
             source = _source(container, int(np.abs(stack.z_mm[:, 0] - layer.z_mm[0]).argmin()))
-        if np.array_equal(layer.rows, source.rows):
+        rows = mirrored(layer.rows, layer.width, container.mirror)  # as the panel shows it
+        if np.array_equal(rows, source.rows):
             return None
         if source.grey is None:
-            return container.encode(source.index, source.payload, layer.rows, None)
+            return container.encode(source.index, source.payload, rows, None)
         from layerfix.layers.greys import corrected_greys
 
         radius_px = layer.change.radius_px if layer.change else (0.5, 0.5)
-        grey = corrected_greys(source.grey, source.rows, layer.rows, radius_px, container.threshold)
-        return container.encode(source.index, source.payload, layer.rows, grey)
+        grey = corrected_greys(source.grey, source.rows, rows, radius_px, container.threshold)
+        return container.encode(source.index, source.payload, rows, grey)
 
     with whole_file(path, force=options.force) as target:
         spool = Spool(path.absolute().parent)

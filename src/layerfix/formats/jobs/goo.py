@@ -19,7 +19,7 @@ from layerfix import __version__
 from layerfix.bits import mirrored, words_for
 from layerfix.errors import InputError
 from layerfix.files import reading, whole_file
-from layerfix.formats.encoding import axes_to_mirror, checked_printer, encoded
+from layerfix.formats.encoding import checked_printer, encoded
 from layerfix.formats.jobs.container import Container, Frame, Spool, Totals, container_stack, hinted_pitch, repeats_of
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
@@ -153,7 +153,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     """
     printer = checked_printer(path, stack, options, SUFFIXES)
     preview = Preview(stack)
-    width, mirror = stack.width, axes_to_mirror(stack, printer.mirror)
+    width, mirror = stack.width, printer.mirror
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
     volume_mm3 = 0.0
 

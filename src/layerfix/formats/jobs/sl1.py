@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from layerfix.bits import mirrored
 from layerfix.errors import InputError
 from layerfix.files import whole_file
-from layerfix.formats.encoding import axes_to_mirror, checked_printer, encoded
+from layerfix.formats.encoding import checked_printer, encoded
 from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
@@ -132,7 +132,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     """
     printer = checked_printer(path, stack, options, SUFFIXES)
     job, preview = path.stem, Preview(stack)
-    mirror, width = axes_to_mirror(stack, printer.mirror), stack.width
+    mirror, width = printer.mirror, stack.width
     volume_mm3 = 0.0
 
     def encode(layer: Layer) -> tuple[bytes, Image, int]:

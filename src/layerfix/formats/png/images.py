@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from layerfix.bits import mirrored
 from layerfix.errors import InputError
 from layerfix.files import A_LONG_TIME_AGO, reading, whole_file, whole_folder
-from layerfix.formats.encoding import axes_to_mirror, encoded
+from layerfix.formats.encoding import encoded
 from layerfix.formats.jobs.zips import Archive
 from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.encode import SIGNATURE, encode_png
@@ -173,12 +172,10 @@ def _notes(text: bytes) -> dict[str, Any]:
 
 
 def _encoder(stack: LayerStack, bits: int) -> Callable[[Layer], bytes]:
-    axes = axes_to_mirror(stack, "")
-
     def encode(layer: Layer) -> bytes:
-        rows = mirrored(layer.rows, layer.width, axes)
         notes = {"pixel_mm": stack.pixel_mm, "origin_mm": stack.origin_mm, "z_mm": layer.z_mm}
-        return encode_png(rows, layer.width, bits=bits, pixel_mm=stack.pixel_mm, text={TEXT_KEY: json.dumps(notes)})
+        text = {TEXT_KEY: json.dumps(notes)}
+        return encode_png(layer.rows, layer.width, bits=bits, pixel_mm=stack.pixel_mm, text=text)
 
     return encode
 

@@ -1,7 +1,7 @@
 """Corrected layers as a mesh that any slicer reads: binary STL and 3MF.
 
-The mesh is the stack of the layers' prisms (`layerfix.outlines.slabs`), at the place the part had, from z = 0. Slice it with
-the stack's own first layer and layer height: every layer's middle then lies in its slab.
+The mesh is the stack of the layers' prisms (`layerfix.outlines.slabs`), at the place the part had, from z = 0. Slice
+it with the stack's own first layer and layer height: every layer's middle then lies in its slab.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from layerfix.errors import OutputError
 from layerfix.files import whole_file
 from layerfix.formats.solid.package_3mf import write_3mf
-from layerfix.formats.vector.polygons import upright
 from layerfix.mesh.triangles import stl_header, stl_triangles
 
 if TYPE_CHECKING:
@@ -51,7 +50,7 @@ def _watched(path: Path, stack: LayerStack, options: WriteOptions) -> Iterator[S
 
     index = 0
     solid = False
-    for layers, slab in slabs(trace_contours(upright(stack), tolerance_mm=options.tolerance_mm)):
+    for layers, slab in slabs(trace_contours(stack, tolerance_mm=options.tolerance_mm)):
         for layer in layers:
             if options.watch is not None:
                 options.watch(index, layer)

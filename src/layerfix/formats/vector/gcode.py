@@ -21,7 +21,6 @@ from layerfix.fdm import LayerPaths, Path, settings_for
 from layerfix.fdm.beads import SKIRT, section_mm2
 from layerfix.fdm.speeds import Speeds, written_time
 from layerfix.files import whole_file
-from layerfix.formats.vector.polygons import upright
 from layerfix.printers import GCODE_PLACEHOLDERS
 from layerfix.units import format_mm
 
@@ -159,7 +158,7 @@ def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
     if lowest is None:
         raise OutputError(f"{path}: every layer is empty, so there is nothing to print")
     widths = None if options.width_mm is None else options.width_mm[lowest:]
-    planned = plan_toolpaths(on_bed(upright(stack), lowest), settings, width_mm=widths)
+    planned = plan_toolpaths(on_bed(stack, lowest), settings, width_mm=widths)
     machine = _Machine(printer, bed_offset_mm(stack, printer))
     no_room = False
     with whole_file(path, force=options.force) as file:

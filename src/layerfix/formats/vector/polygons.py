@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from layerfix.bits import mirrored
-from layerfix.formats.encoding import axes_to_mirror, encoded
+from layerfix.formats.encoding import encoded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,15 +26,6 @@ Data = TypeVar("Data")
 DIGITS = 4  # of a mm: half a pixel of 19 µm is still exact
 
 
-def upright(stack: LayerStack) -> LayerStack:
-    """The stack with its layers as the part is seen from above: those of a job may be mirrored for its panel."""
-    axes = axes_to_mirror(stack, "")
-    if not axes:
-        return stack
-    seen = stack.map(lambda layer: replace(layer, rows=mirrored(layer.rows, layer.width, axes)))
-    return replace(seen, container=None)
-
-
 def outlined(
     stack: LayerStack, options: WriteOptions, encode: Callable[[list[Polygon]], Data]
 ) -> Iterator[tuple[tuple[float, float], Data]]:
@@ -46,7 +35,7 @@ def outlined(
     """
     from layerfix.outlines.contours import trace_contours
 
-    contours = trace_contours(upright(stack), tolerance_mm=options.tolerance_mm)
+    contours = trace_contours(stack, tolerance_mm=options.tolerance_mm)
     every = encoded(contours.stack, lambda layer: encode(polygons(contours.of(layer))), options.watch, once=True)
     return zip(stack.z_mm.tolist(), every, strict=True)
 
