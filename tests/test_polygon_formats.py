@@ -17,7 +17,7 @@ import pytest
 import shapely
 
 from layerfix.errors import InputError, OutputError
-from layerfix.formats.options import WriteOptions
+from layerfix.formats.options import CliOptions, OutlineOptions
 from layerfix.formats.vector import common_layer, geojson, svg
 from layerfix.layers.correction import correct
 from layerfix.mesh.slicing import slice_mesh
@@ -28,8 +28,9 @@ from tests.pictures_as_text import picture
 
 SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
-PLAIN = WriteOptions()
-READABLE = WriteOptions(ascii=True)
+PLAIN = OutlineOptions()
+BINARY = CliOptions()
+READABLE = CliOptions(ascii=True)
 
 
 class Drawn(NamedTuple):
@@ -136,16 +137,16 @@ class Kind(NamedTuple):
     """A writer and the reader for it; first: how many layers come before the stack's own."""
 
     name: str
-    write: Callable[[Path, LayerStack, WriteOptions], None]
+    write: Callable[[Path, LayerStack, OutlineOptions], None]
     read: Callable[[Path], list[Drawn]]
-    options: WriteOptions
+    options: OutlineOptions
     first: int = 0
 
 
 KINDS = (
     Kind("part.svg", svg.write, read_svg, PLAIN),
     Kind("part.geojson", geojson.write, read_geojson, PLAIN),
-    Kind("part.cli", common_layer.write, read_cli, PLAIN, first=1),
+    Kind("part.cli", common_layer.write, read_cli, BINARY, first=1),
     Kind("ascii.cli", common_layer.write, read_cli, READABLE, first=1),
 )
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=[kind.name for kind in KINDS])
@@ -332,7 +333,7 @@ def test_geojson_keeps_the_rules_of_the_rfc(tmp_path):
 # Common Layer Interface
 
 
-@pytest.mark.parametrize("options", [PLAIN, READABLE])
+@pytest.mark.parametrize("options", [BINARY, READABLE])
 def test_the_header_of_a_cli_file(tmp_path, options):
     """What machines write, to the letter: they differ only in what kind it is."""
     common_layer.write(tmp_path / "part.cli", drawn_layers(), replace(options, tolerance_mm=0))
@@ -348,7 +349,7 @@ def test_the_header_of_a_cli_file(tmp_path, options):
     ]
 
 
-@pytest.mark.parametrize("options", [PLAIN, READABLE])
+@pytest.mark.parametrize("options", [BINARY, READABLE])
 def test_the_dimension_is_that_of_what_is_solid(tmp_path, options):
     """Of the frame, where nothing is."""
     for stack, box in ((drawn_layers()[3:], (-0.012, 11.928, 0.007, 11.952)), (drawn_layers()[2:3], None)):
@@ -361,13 +362,13 @@ def test_the_dimension_is_that_of_what_is_solid(tmp_path, options):
 
 def test_binary_geometry_follows_the_header_at_once(tmp_path):
     """No line end between them: the first command is the empty layer at the bottom."""
-    common_layer.write(tmp_path / "part.cli", drawn_layers()[3:], PLAIN)
+    common_layer.write(tmp_path / "part.cli", drawn_layers()[3:], BINARY)
     _, rest = cli_header((tmp_path / "part.cli").read_bytes())
     assert rest[:12] == struct.pack("<HfHf", 127, 0.15, 127, 0.2)
     assert struct.unpack("<Hiii", rest[12:26])[:3] == (130, 1, 1)
 
 
-@pytest.mark.parametrize("options", [PLAIN, READABLE])
+@pytest.mark.parametrize("options", [BINARY, READABLE])
 def test_a_gap_between_layers_is_an_empty_layer(tmp_path, options):
     """A layer is as thick as it is above the one before: every second layer would be twice as thick."""
     common_layer.write(tmp_path / "part.cli", drawn_layers()[::2], options)

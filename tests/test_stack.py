@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import io
 import os
+import pickle
 import re
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image as Picture
 
-from layerfix import Layer, LayerStack
+from layerfix import Layer, LayerStack, correct
 from layerfix.bits import pack
 from layerfix.errors import InputError
 from layerfix.stack import layer_bounds_mm, pitch_mm
@@ -566,3 +569,56 @@ def test_an_error_while_making_a_layer_at_an_index_is_its_own():
 
     with pytest.raises(BrokenLayerError, match="3"):
         stack_by(make, 5, 2)[-2]
+
+
+# What a person and other programs see of a stack
+
+
+def test_a_stack_and_a_layer_are_one_line_each():
+    """Number, size, pitch, heights; of a layer also what is solid."""
+    stack = LayerStack.from_images([np.ones((8, 12), bool)] * 5, pixel_mm=0.05, layer_mm=0.2)
+    assert repr(stack) == "<LayerStack of 5 layers, 12 × 8 px of 50 µm, z 0 to 1 mm>"
+    assert repr(stack[2]) == "<Layer of 12 × 8 px, z 0.4 to 0.6 mm, 96 px solid>"
+    uneven = LayerStack.from_images([np.ones((8, 12), bool)], pixel_mm=(0.019, 0.024), layer_mm=0.2)
+    assert "19 × 24 µm" in repr(uneven)
+    assert "z" not in repr(stack[:0])
+
+
+def test_a_stack_is_an_array_of_its_pixels():
+    """(layers, H, W) bool, or what is asked for; too many pixels, and an array without a copy, are refused."""
+    rng = np.random.default_rng(1)
+    images = rng.random((4, 9, 70)) < 0.5
+    stack = LayerStack.from_images(images, pixel_mm=0.05, layer_mm=0.2)
+    assert np.array_equal(np.asarray(stack), images)
+    assert np.asarray(stack).dtype == np.bool_
+    assert np.array_equal(np.asarray(stack[1:3], np.uint8), images[1:3])
+    with pytest.raises(InputError, match="always new"):
+        np.array(stack, copy=False)
+    many = replace(stack, z_mm=np.stack([np.arange(10_000_000.0), np.arange(1, 10_000_001.0)], axis=1))
+    with pytest.raises(InputError, match=r"too many for one array \(6\.3 GB\)"):
+        np.asarray(many)
+
+
+def test_a_notebook_shows_a_layer():
+    """A PNG of it, solid black; a large one smaller."""
+    image = np.zeros((30, 40), bool)
+    image[5:10, 5:30] = True
+    layer = LayerStack.from_images([image], pixel_mm=0.05, layer_mm=0.2)[0]
+    with Picture.open(io.BytesIO(layer._repr_png_())) as picture:
+        assert np.array_equal(np.asarray(picture.convert("L")) < 128, image)
+    wide = LayerStack.from_images([np.ones((10, 5000), bool)], pixel_mm=0.05, layer_mm=0.2)[0]
+    with Picture.open(io.BytesIO(wide._repr_png_())) as picture:
+        assert max(picture.size) <= 1024
+
+
+def test_a_stack_that_is_pickled_makes_the_same_layers():
+    """From images, sliced, corrected: for other processes and other machines."""
+    rng = np.random.default_rng(2)
+    images = LayerStack.from_images(rng.random((4, 50, 70)) < 0.5, pixel_mm=0.05, layer_mm=0.2)
+    stack = correct(images, min_feature_mm=0.3)
+    for one in (stack, stack[1:3], stack[::2]):
+        again = pickle.loads(pickle.dumps(one))
+        assert len(again) == len(one)
+        for a, b in zip(again, one, strict=True):
+            assert np.array_equal(a.rows, b.rows)
+            assert (a.z_mm, a.change) == (b.z_mm, b.change)

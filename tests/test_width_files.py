@@ -20,12 +20,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layerfix import load_mesh, load_printer, slice_mesh
-from layerfix.commands.fix import Options
+import layerfix as lf
+from layerfix import WidthPlan, load_mesh, load_printer, settings_for, slice_mesh
+from layerfix.commands.options import Options, Run
 from layerfix.commands.widths import SUFFIXES, WidthOptions, lines_of, suggest
 from layerfix.errors import InputError, OutputError
 from layerfix.fdm.speeds import Speeds
-from layerfix.formats.solid.width_files import table, write_csv, write_json, write_width_3mf
 from layerfix.layers.widths import Widths, suggest_widths
 from layerfix.mesh.triangles import Mesh
 from tests.making import box, contents, joined, run_layerfix, thin_part, turned, write_stl
@@ -62,10 +62,16 @@ def finned() -> Mesh:
     return joined(box([0, 0, 0], [20, 20, 3]), *fins)
 
 
+def plan(suggested: Widths, chosen: Widths, mesh: Mesh | None = None, **summary: object) -> WidthPlan:
+    """Widths of a part on the MK3S, 250 × 210 mm."""
+    part = mesh or box([0, 0, 0], [20, 20, 4])
+    stack = slice_mesh(part, pixel_mm=0.1, layer_mm=0.3)
+    return WidthPlan(part, stack, suggested, chosen, MK3S, settings_for(MK3S), summary)
+
+
 def write(path: Path, widths: Widths, slicer: str, mesh: Mesh | None = None, **how: object) -> dict[str, str]:
     """Write a 3MF; gives the text of its entries."""
-    how = {"bed_mm": (250.0, 210.0, 200.0), "force": False, **how}
-    write_width_3mf(path, mesh or box([0, 0, 0], [20, 20, 4]), widths, slicer=slicer, **how)
+    lf.write(path, plan(widths, widths, mesh), slicer=slicer, **how)
     with zipfile.ZipFile(path) as archive:
         assert archive.testzip() is None
         return {name: archive.read(name).decode() for name in archive.namelist()}
@@ -180,9 +186,8 @@ def test_tables_agree_with_the_arrays(tmp_path):
     """CSV and JSON have a row for each layer, with the same numbers."""
     before = widths_of([1.2, 0.9, 0.6, 0.6, 0.9, 1.2], first_mm=0.2)
     after = replace(before, width_mm=np.array([0.9, 0.9, 0.6, 0.6, 0.6, 0.6]))
-    rows = table(before, after)
-    write_csv(tmp_path / "w.csv", rows, force=False)
-    write_json(tmp_path / "w.json", rows, {"source": "part.stl"}, force=False)
+    for name in ("w.csv", "w.json"):
+        lf.write(tmp_path / name, plan(before, after, source="part.stl"))
     with (tmp_path / "w.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     stored = json.loads((tmp_path / "w.json").read_text())
@@ -250,7 +255,7 @@ def test_a_missing_part_is_said_so(tmp_path):
     (tmp_path / "there.csv").write_text("mine")
     for target, force in ((tmp_path / "new.csv", False), (tmp_path / "there.csv", True)):
         with pytest.raises(InputError, match=r"missing\.stl: no such file"):
-            suggest(tmp_path / "missing.stl", [target], Options(printer=MK3S, force=force), WidthOptions())
+            suggest(tmp_path / "missing.stl", [target], Options(printer=MK3S, run=Run(force=force)), WidthOptions())
 
 
 def test_the_input_is_never_written_over(tmp_path):
@@ -259,7 +264,7 @@ def test_the_input_is_never_written_over(tmp_path):
     write(part, widths_of([0.6]), "prusa")
     before = part.read_bytes()
     with pytest.raises(OutputError, match="is the input"):
-        suggest(part, [part], Options(printer=MK3S, force=True), WidthOptions())
+        suggest(part, [part], Options(printer=MK3S, run=Run(force=True)), WidthOptions())
     assert part.read_bytes() == before
 
 

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 import layerfix
 from layerfix import Layer, LayerStack, load_printer
-from layerfix.commands.fix import Options
+from layerfix.commands.options import Options
 from layerfix.commands.widths import WidthOptions, suggest
 from layerfix.errors import InputError
 from layerfix.layers.widths import MAX_CANDIDATES, Widths, candidates_mm, suggest_widths

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
 
@@ -29,6 +29,8 @@ _HOME = {
     "suggest_widths": "layers.widths",
     "banded": "fdm.bands",
     "Widths": "layers.widths",
+    "WidthPlan": "fdm.width_plan",
+    "Toolpaths": "fdm.toolpaths",
     "PathSettings": "fdm.settings",
     "read": "formats",
     "write": "formats",
@@ -41,6 +43,8 @@ __all__ = [
     "Mesh",
     "PathSettings",
     "Printer",
+    "Toolpaths",
+    "WidthPlan",
     "Widths",
     "banded",
     "correct",
@@ -64,7 +68,8 @@ if TYPE_CHECKING:
     from layerfix.errors import LayerfixError
     from layerfix.fdm.bands import banded
     from layerfix.fdm.settings import PathSettings, settings_for
-    from layerfix.fdm.toolpaths import plan_toolpaths
+    from layerfix.fdm.toolpaths import Toolpaths, plan_toolpaths
+    from layerfix.fdm.width_plan import WidthPlan
     from layerfix.formats import read, write
     from layerfix.layers.correction import correct, correct_image
     from layerfix.layers.skeleton import meso_skeleton
@@ -76,13 +81,15 @@ if TYPE_CHECKING:
     from layerfix.stack import Layer, LayerStack
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'layerfix' has no attribute '{name}'")
-    value = getattr(importlib.import_module(f"layerfix.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+else:  # hidden from type checkers, to which every name would be an attribute
+
+    def __getattr__(name):
+        if name not in _HOME:
+            raise AttributeError(f"module 'layerfix' has no attribute '{name}'")
+        value = getattr(importlib.import_module(f"layerfix.{_HOME[name]}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])

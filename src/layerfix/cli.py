@@ -10,75 +10,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import cloup
 
 from layerfix import __version__
+from layerfix.cli_types import Length, Percent, Pitch, Range
 from layerfix.errors import InputError
-from layerfix.units import format_mm, parse_length_mm
+from layerfix.units import format_mm
 
 if TYPE_CHECKING:
-    from layerfix.commands.fix import Options, Summary
+    from layerfix.commands.fix import Summary
+    from layerfix.commands.options import Options
 
 
-class Length(click.ParamType[float]):
-    """A length with a unit, in mm."""
-
-    name = "length"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        try:
-            return parse_length_mm(value)
-        except InputError as problem:
-            self.fail(str(problem), param, ctx)
-
-
-class Pitch(click.ParamType[tuple[float, float]]):
-    """One length, or two with an x between them: ``19umx24um``."""
-
-    name = "pitch"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
-        parts = str(value).lower().replace("×", "x").split("x")
-        if len(parts) > 2:
-            self.fail(f"'{value}' is not a pitch: write 50um, or 19umx24um", param, ctx)
-        sizes = [Length().convert(part, param, ctx) for part in parts]
-        return sizes[0], sizes[-1]
-
-
-class Range(click.ParamType[tuple[int, int]]):
-    """Layers, counted from 0: ``12`` is one, ``10:20`` are ten."""
-
-    name = "range"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        first, colon, stop = str(value).partition(":")
-        try:
-            found = int(first or 0), (int(stop) if stop else 1 << 30) if colon else int(first) + 1
-        except ValueError:
-            self.fail(f"'{value}' is not a range of layers: write 12, or 10:20", param, ctx)
-        if not 0 <= found[0] < found[1]:
-            self.fail(f"'{value}' holds no layer: they are counted from 0, and 10:20 ends before 20", param, ctx)
-        return found
-
-
-class Percent(click.ParamType[float]):
-    """``20%``, ``20`` or ``0.2``, as 0.2."""
-
-    name = "percent"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        text = str(value).strip()
-        try:
-            share = float(text.removesuffix("%"))
-            share /= 100 if text.endswith("%") or share > 1 else 1
-        except ValueError:
-            self.fail(f"'{value}' is not a share: write 20%, or 0.2", param, ctx)
-        if not 0 <= share <= 1:
-            self.fail(f"'{value}' is not between 0 % and 100 %: write 20%, or 0.2", param, ctx)
-        return share
-
-
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(__version__, prog_name="layerfix")
+@cloup.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@cloup.version_option(__version__, prog_name="layerfix")
 def layerfix() -> None:
     """Correct the layers of a 3D print so that thin walls and pins survive printing.
 
@@ -90,74 +35,85 @@ def layerfix() -> None:
     """
 
 
+PRINTER = cloup.option("-p", "--printer", metavar="NAME", help="A printer of `layerfix printers`, or your own .toml.")
+FRAME = (
+    cloup.option("--pixel", "pixel_mm", type=Pitch(), help="Pixel pitch: 50um, or 19umx24um."),
+    cloup.option("--layer", "layer_mm", type=Length(), help="Layer height: 0.05mm."),
+    cloup.option("--first-layer", "first_layer_mm", type=Length(), help="Height of the first layer, if it differs."),
+)
+MESH = (
+    cloup.option("--unit", help="What one unit of the mesh is: mm, in, m … [default: as the file says, else mm]"),
+)
+WORKERS = cloup.option("--workers", type=cloup.IntRange(1), help="Threads. [default: one per core]")
+FORCE = cloup.option("--force", is_flag=True, help="Replace outputs that exist.")
+JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+
+
 @layerfix.command()
-@click.argument("source", metavar="IN", type=click.Path(path_type=Path))
-@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
-@click.option("-p", "--printer", metavar="NAME", help="A printer of `layerfix printers`, or your own .toml file.")
-@click.option("--pixel", "pixel_mm", type=Pitch(), help="Pixel pitch: 50um, or 19umx24um.")
-@click.option("--layer", "layer_mm", type=Length(), help="Layer height: 0.05mm.")
-@click.option("--first-layer", "first_layer_mm", type=Length(), help="Height of the first layer, if it differs.")
-@click.option("--min-feature", "min_feature_mm", type=Length(), help="Smallest dot or bead the printer makes: 0.4mm.")
-@click.option(
-    "--mode",
-    type=click.Choice(["as_printed", "add_only"]),
-    help="as_printed rounds corners as the tool does; add_only never removes. [default: the printer's]",
+@cloup.argument("source", metavar="IN", type=cloup.Path(path_type=Path))
+@cloup.argument("target", metavar="OUT", type=cloup.Path(path_type=Path))
+@cloup.option_group(
+    "Printer and correction",
+    PRINTER,
+    cloup.option("--min-feature", "min_feature_mm", type=Length(), help="Smallest dot or bead it makes: 0.4mm."),
+    cloup.option(
+        "--mode",
+        type=cloup.Choice(["as_printed", "add_only"]),
+        help="as_printed rounds corners as the tool does; add_only never removes. [default: the printer's]",
+    ),
 )
-@click.option(
-    "--fill",
-    type=click.Choice(["nonzero", "even_odd", "positive"]),
-    default="nonzero",
-    show_default=True,
-    help="Which parts of overlapping shells are solid.",
+@cloup.option_group("Pixels and layers (of a mesh, or of images that do not say)", *FRAME)
+@cloup.option_group(
+    "A mesh as IN",
+    *MESH,
+    cloup.option(
+        "--fill",
+        type=cloup.Choice(["nonzero", "even_odd", "positive"]),
+        help="Which parts of overlapping shells are solid. [default: nonzero]",
+    ),
 )
-@click.option("--unit", help="What one unit of the mesh is: mm, in, m … [default: as the file says, else mm]")
-@click.option(
-    "--bits",
-    type=click.Choice(["1", "8"]),
-    default="8",
-    show_default=True,
-    help="Bits a pixel of PNG images.",
+@cloup.option_group(
+    "Images or a job as IN",
+    cloup.option("--threshold", type=cloup.IntRange(1, 255), help="Grey value that is solid. [default: 128]"),
+    cloup.option(
+        "--grey-floor",
+        type=cloup.IntRange(0, 255),
+        help="Grey value of strokes that count though they nowhere reach the threshold; 0: never. [default: 32]",
+    ),
 )
-@click.option(
-    "--threshold",
-    type=click.IntRange(1, 255),
-    default=128,
-    show_default=True,
-    help="Grey value of an image from which a pixel is solid.",
+@cloup.option_group("PNG images as OUT", cloup.option("--bits", type=cloup.Choice(["1", "8"]), help="[default: 8]"))
+@cloup.option_group(
+    "Outlines or a mesh as OUT (.svg .geojson .cli .stl .3mf)",
+    cloup.option(
+        "--tolerance",
+        "tolerance_mm",
+        type=Length(),
+        help="How far simplification may move outlines. [default: half a pixel]",
+    ),
+    cloup.option("--ascii", is_flag=True, default=None, help="Text instead of binary, for .cli."),
 )
-@click.option(
-    "--grey-floor",
-    type=click.IntRange(0, 255),
-    default=32,
-    show_default=True,
-    help="Grey value from which a stroke is a feature that nowhere reaches the threshold; 0: never.",
+@cloup.option_group(
+    "G-code as OUT",
+    cloup.option("--width", "width_mm", type=Length(), help="Extrusion width. [default: the printer's]"),
+    cloup.option("--perimeters", type=cloup.IntRange(1), help="Loops along the outline. [default: 2]"),
+    cloup.option("--infill", "density", type=Percent(), help="Density of the sparse infill. [default: 20%]"),
+    cloup.option("--seam", type=cloup.Choice(["nearest", "rear", "random"]), help="Where loops start."),
+    cloup.option("--skirt", "skirt_loops", type=cloup.IntRange(0), help="Loops round the part. [default: 1]"),
 )
-@click.option("--layers", type=Range(), help="Only these layers, counted from 0: 12, or 10:20.")
-@click.option(
-    "--tolerance",
-    "tolerance_mm",
-    type=Length(),
-    help="How far simplification may move outlines and meshes. [default: half a pixel]",
+@cloup.option_group(
+    "Running",
+    cloup.option("--layers", type=Range(), help="Only these layers, counted from 0: 12, or 10:20."),
+    cloup.option("--picture", type=cloup.Path(path_type=Path), help="Also draw the most changed layer (.png)."),
+    WORKERS,
+    FORCE,
+    JSON,
 )
-@click.option("--ascii", is_flag=True, help="Text instead of binary, for .cli.")
-@click.option("--width", "width_mm", type=Length(), help="G-code: extrusion width. [default: the printer's]")
-@click.option("--perimeters", type=click.IntRange(1), help="G-code: loops along the outline. [default: 2]")
-@click.option("--infill", "density", type=Percent(), help="G-code: density of the sparse infill. [default: 20%]")
-@click.option("--seam", type=click.Choice(["nearest", "rear", "random"]), help="G-code: where loops start.")
-@click.option("--skirt", "skirt_loops", type=click.IntRange(0), help="G-code: loops round the part. [default: 1]")
-@click.option(
-    "--picture", type=click.Path(path_type=Path), help="Also draw the most changed layer, before and after."
-)
-@click.option("--workers", type=click.IntRange(1), help="Threads. [default: one per core]")
-@click.option("--force", is_flag=True, help="Replace OUT if it exists.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def fix(source: Path, target: Path, as_json: bool, **given: Any) -> None:
+def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given: Any) -> None:
     """Correct IN and write the layers to OUT.
 
-    IN is a mesh (.stl .obj .ply .off .3mf .glb), a resin job (.sl1 .sl1s .m1 .goo .ctb .photon .cbddlp
-    .nanodlp .cws, Chitubox .zip), or a folder or zip of PNG images. OUT is a job of the same kind as IN; a new
-    .sl1, .sl1s or .goo; a folder (no suffix) or .zip of PNG images; .gcode; a .3mf or .stl mesh of the corrected
-    layers for any slicer; or their outlines as .svg, .geojson or .cli (Common Layer Interface).
+    IN is a mesh, a resin job, or PNG images in a folder or zip. OUT is a job of the same kind as IN; a new .sl1,
+    .sl1s or .goo; a folder (no suffix) or .zip of PNG images; .gcode; a .3mf or .stl mesh of the corrected layers
+    for any slicer; or their outlines as .svg, .geojson or .cli. `layerfix formats` lists them all.
 
     \b
     Examples:
@@ -169,51 +125,48 @@ def fix(source: Path, target: Path, as_json: bool, **given: Any) -> None:
       layerfix fix layers.zip fixed.zip --min-feature 0.15mm --mode add_only
     """
     with _kernels_ready():
-        from layerfix.commands import fix as job
+        from layerfix.commands.fix import fix as run
+        from layerfix.formats import load_kernels
 
-        job.load_kernels(target)
-    options = _options(given)
+        load_kernels(target)
     with _progress(f"correcting {source.name}") as progress:
-        summary = job.fix(source, target, options, progress)
+        summary = run(source, target, _options(printer, given), progress)
     click.echo(json.dumps(asdict(summary)) if as_json else _table(summary))
 
 
 @layerfix.command()
-@click.argument("source", metavar="IN", type=click.Path(path_type=Path))
-@click.option(
-    "-p", "--printer", metavar="NAME", help="An FDM printer of `layerfix printers`, or your own .toml file."
+@cloup.argument("source", metavar="IN", type=cloup.Path(path_type=Path))
+@cloup.option_group(
+    "What is written",
+    cloup.option(
+        "-o",
+        "--output",
+        "targets",
+        metavar="OUT",
+        multiple=True,
+        type=cloup.Path(path_type=Path),
+        help="Where to: .3mf .gcode .csv .json .png .svg; may be given several times.",
+    ),
+    cloup.option(
+        "--slicer",
+        type=cloup.Choice(["prusa", "orca"]),
+        help="Whose settings a .3mf holds: PrusaSlicer and SuperSlicer (default), or OrcaSlicer and Bambu Studio.",
+    ),
 )
-@click.option(
-    "-o",
-    "--output",
-    "targets",
-    metavar="OUT",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    help="Where to: .3mf .gcode .csv .json .png .svg; may be given several times.",
+@cloup.option_group(
+    "Widths",
+    PRINTER,
+    cloup.option("--min", "min_mm", type=Length(), help="Narrowest width. [default: the printer's]"),
+    cloup.option("--max", "max_mm", type=Length(), help="Widest width. [default: the printer's]"),
+    cloup.option(
+        "--step", "step_mm", type=Length(), default="0.05mm", show_default=True, help="Between widths tried."
+    ),
+    cloup.option("--loss", "loss_mm", type=Length(), help="Tips may come out blunter by this. [default: width / 4]"),
+    cloup.option("--bands", type=cloup.IntRange(1), default=6, show_default=True, help="At most so many by height."),
+    cloup.option("--band-height", "band_height_mm", type=Length(), help="Lowest band. [default: five layers]"),
 )
-@click.option("--min", "min_mm", type=Length(), help="Narrowest width. [default: the printer's]")
-@click.option("--max", "max_mm", type=Length(), help="Widest width. [default: the printer's]")
-@click.option("--step", "step_mm", type=Length(), default="0.05mm", show_default=True, help="Between widths tried.")
-@click.option("--loss", "loss_mm", type=Length(), help="Tips may come out blunter by this. [default: a quarter bead]")
-@click.option(
-    "--bands", type=click.IntRange(1), default=6, show_default=True, help="At most so many widths by height."
-)
-@click.option("--band-height", "band_height_mm", type=Length(), help="Lowest band. [default: five layers]")
-@click.option(
-    "--slicer",
-    type=click.Choice(["prusa", "orca"]),
-    default="prusa",
-    show_default=True,
-    help="Whose settings a .3mf holds: PrusaSlicer and SuperSlicer, or OrcaSlicer and Bambu Studio.",
-)
-@click.option("--layer", "layer_mm", type=Length(), help="Layer height. [default: the printer's]")
-@click.option("--first-layer", "first_layer_mm", type=Length(), help="Height of the first layer, if it differs.")
-@click.option("--pixel", "pixel_mm", type=Pitch(), help="Pixel pitch. [default: an eighth of the nozzle]")
-@click.option("--unit", help="What one unit of the mesh is: mm, in, m … [default: as the file says, else mm]")
-@click.option("--workers", type=click.IntRange(1), help="Threads. [default: one per core]")
-@click.option("--force", is_flag=True, help="Replace outputs that exist.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@cloup.option_group("Pixels and layers", *FRAME, *MESH)
+@cloup.option_group("Running", WORKERS, FORCE, JSON)
 def widths(source: Path, targets: tuple[Path, ...], printer: str | None, as_json: bool, **given: Any) -> None:
     """Suggest an extrusion width for every layer of IN, a mesh.
 
@@ -227,24 +180,21 @@ def widths(source: Path, targets: tuple[Path, ...], printer: str | None, as_json
     """
     with _kernels_ready():
         from layerfix.commands import widths as width_job
-        from layerfix.commands.fix import Options
-        from layerfix.printers import load_printer
     names = ("min_mm", "max_mm", "step_mm", "loss_mm", "bands", "band_height_mm", "slicer")
     wanted = {name: given.pop(name) for name in names}
     wanted["loss_mm"] = wanted["loss_mm"] or 0.0
-    given["workers"] = given["workers"] or 0
-    options = Options(printer=load_printer(printer) if printer else None, **given)
     with _progress(f"measuring {source.name}") as progress:
+        options = _options(printer, given)
         summary = width_job.suggest(source, targets, options, width_job.WidthOptions(**wanted), progress)
     click.echo(json.dumps(asdict(summary)) if as_json else _rows(width_job.lines_of(summary)))
 
 
 @layerfix.command()
-@click.argument("source", metavar="IN.gcode", type=click.Path(path_type=Path))
-@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
-@click.option("--layer", "index", type=click.IntRange(0), default=0, show_default=True, help="Which, counted from 0.")
-@click.option("--force", is_flag=True, help="Replace OUT if it exists.")
-@click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
+@cloup.argument("source", metavar="IN.gcode", type=cloup.Path(path_type=Path))
+@cloup.argument("target", metavar="OUT", type=cloup.Path(path_type=Path))
+@cloup.option("--layer", "index", type=cloup.IntRange(0), default=0, show_default=True, help="Which, counted from 0.")
+@FORCE
+@JSON
 def draw(source: Path, target: Path, index: int, force: bool, as_json: bool) -> None:
     """Draw the beads of one layer of a G-code file, of any slicer, as .png or .svg.
 
@@ -259,9 +209,9 @@ def draw(source: Path, target: Path, index: int, force: bool, as_json: bool) -> 
 
 
 @layerfix.command()
-@click.argument("folder", metavar="[DIR]", type=click.Path(path_type=Path), default=Path("layerfix-demo"))
-@click.option("--force", is_flag=True, help="Replace DIR if it exists.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@cloup.argument("folder", metavar="[DIR]", type=cloup.Path(path_type=Path), default=Path("layerfix-demo"))
+@cloup.option("--force", is_flag=True, help="Replace DIR if it exists.")
+@JSON
 def demo(folder: Path, force: bool, as_json: bool) -> None:
     """Correct a built-in test part and draw it before and after.
 
@@ -275,10 +225,10 @@ def demo(folder: Path, force: bool, as_json: bool) -> None:
 
 
 @layerfix.group(invoke_without_command=True)
-@click.option("--process", type=click.Choice(["resin", "fdm", "powder"]), help="Only these.")
-@click.option("--search", metavar="TEXT", default="", help="Only those with TEXT in maker, model or name.")
-@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
-@click.pass_context
+@cloup.option("--process", type=cloup.Choice(["resin", "fdm", "powder"]), help="Only these.")
+@cloup.option("--search", metavar="TEXT", default="", help="Only those with TEXT in maker, model or name.")
+@cloup.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
+@cloup.pass_context
 def printers(ctx: click.Context, process: str | None, search: str, as_json: bool) -> None:
     """List the printers that --printer takes, or show one.
 
@@ -303,8 +253,8 @@ def printers(ctx: click.Context, process: str | None, search: str, as_json: bool
 
 
 @printers.command("show")
-@click.argument("name")
-@click.option("--json", "as_json", is_flag=True, help="Print the values as JSON.")
+@cloup.argument("name")
+@cloup.option("--json", "as_json", is_flag=True, help="Print the values as JSON.")
 def show_printer(name: str, as_json: bool) -> None:
     """Show all that is known of a printer.
 
@@ -317,7 +267,17 @@ def show_printer(name: str, as_json: bool) -> None:
 
 
 @layerfix.command()
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@JSON
+def formats(as_json: bool) -> None:
+    """List the kinds of files: what is read, what is written, and which options go with it."""
+    from layerfix.commands.formats import lines_of, list_formats
+
+    found = list_formats()
+    click.echo(json.dumps(found) if as_json else "\n".join(lines_of(found)))
+
+
+@layerfix.command()
+@cloup.argument("shell", type=cloup.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print the completion script of a shell.
 
@@ -334,12 +294,14 @@ def completion(shell: str) -> None:
     click.echo(found(layerfix, {}, "layerfix", "_LAYERFIX_COMPLETE").source())
 
 
-def _options(given: dict[str, Any]) -> Options:
-    from layerfix.commands.fix import Options
+def _options(printer: str | None, given: dict[str, Any]) -> Options:
+    """What was given, sorted by whom it belongs to."""
+    from layerfix.commands.options import options_of
     from layerfix.printers import load_printer
 
-    printer = load_printer(given.pop("printer")) if given.get("printer") else given.pop("printer", None)
-    return Options(printer=printer, bits=int(given.pop("bits")), workers=given.pop("workers") or 0, **given)
+    if given.get("bits"):
+        given["bits"] = int(given["bits"])
+    return options_of(load_printer(printer) if printer else None, given)
 
 
 @contextmanager

@@ -15,5 +15,9 @@ class InputError(LayerfixError):
     """A file or a value that cannot be used: missing, broken, of another kind, out of range."""
 
 
+class LayerfixWarning(UserWarning):
+    """Something that did not stop the work and that its user should know of."""
+
+
 class OutputError(LayerfixError):
     """A target that cannot be written: it exists, the folder is read-only, the disk is full."""

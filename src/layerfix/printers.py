@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from layerfix.errors import InputError
 from layerfix.files import reading
@@ -175,7 +175,7 @@ class Printer:
     end_gcode: str | None = None
 
     @property
-    def mode(self) -> str:
+    def mode(self) -> Literal["as_printed", "add_only"]:
         """The correction mode that suits the process: a mask can draw sharp corners, a round tool cannot."""
         return "add_only" if self.process == "resin" else "as_printed"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -17,11 +18,13 @@ from layerfix.errors import InputError
 from layerfix.units import one_or_two
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike, DTypeLike, NDArray
 
     from layerfix.bits import Image, Rows
 
 Result = TypeVar("Result")
+NOTEBOOK_PX = 1024
+LARGEST_ARRAY = 4 << 30  # bytes of one array of all layers
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,22 @@ class Layer:
     @property
     def height(self) -> int:
         return len(self.rows)
+
+    def __repr__(self) -> str:
+        """Size, height and what is solid, in one line."""
+        bottom, top = self.z_mm
+        return f"<Layer of {self.width} × {self.height} px, z {bottom:g} to {top:g} mm, {self.count_px()} px solid>"
+
+    def _repr_png_(self) -> bytes:
+        """The picture that a notebook shows: solid is black, at most NOTEBOOK_PX wide or high."""
+        import io
+
+        from PIL import Image as Pictures
+
+        step = max(1, -(-max(self.width, self.height) // NOTEBOOK_PX))
+        file = io.BytesIO()
+        Pictures.fromarray(~self.image()[::step, ::step]).save(file, "PNG")
+        return file.getvalue()
 
     def without_pixels(self) -> Layer:
         """What is known of the layer, to be kept for every layer of a stack."""
@@ -168,10 +187,32 @@ class LayerStack(Sequence[Layer]):
             raise InputError("no images: a stack has at least one layer")
         height, width = shape
         z_mm = layer_bounds_mm(len(packed), layer_mm, first_layer_mm)
-        return cls(width, height, pitch_mm(pixel_mm), z_mm, lambda i: Layer(packed[i], width, _bounds(z_mm, i)))
+        return cls(width, height, pitch_mm(pixel_mm), z_mm, layer_maker(packed.__getitem__, width, z_mm))
 
     def __len__(self) -> int:
         return len(self.z_mm)
+
+    def __repr__(self) -> str:
+        """Number and size of the layers, pitch and heights, in one line."""
+        x, y = self.pixel_mm
+        pitch = f"{1000 * x:g} µm" if abs(x - y) < 1e-9 else f"{1000 * x:g} × {1000 * y:g} µm"
+        z = f", z {self.z_mm[0, 0]:g} to {self.z_mm[-1, 1]:g} mm" if len(self) else ""
+        return f"<LayerStack of {len(self)} layers, {self.width} × {self.height} px of {pitch}{z}>"
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """(layers, H, W) bool: all pixels. Raises InputError for over LARGEST_ARRAY of them, and for copy=False."""
+        shape = len(self), self.height, self.width
+        if math.prod(shape) > LARGEST_ARRAY:
+            raise InputError(
+                f"{len(self)} layers of {self.width} × {self.height} px are too many for one array"
+                f" ({math.prod(shape) / 1e9:.1f} GB); take some, stack[10:20], or one at a time, stack[10].image()"
+            )
+        if copy is False:
+            raise InputError("layers are packed bits, made when asked for: an array of them is always new")
+        out = np.empty(shape, np.bool_)
+        for k, image in enumerate(self.each(Layer.image, once=True)):
+            out[k] = image
+        return out if dtype is None else out.astype(dtype)
 
     @overload
     def __getitem__(self, index: int) -> Layer: ...
@@ -186,9 +227,7 @@ class LayerStack(Sequence[Layer]):
             repeats = self.repeats[index].copy() if self.repeats is not None and chosen.step == 1 else None
             if repeats is not None and len(repeats):
                 repeats[0] = False
-            return replace(
-                self, z_mm=self.z_mm[index], make=lambda i: make(chosen[i]), repeats=repeats, container=None
-            )
+            return replace(self, z_mm=self.z_mm[index], make=_Chosen(make, chosen), repeats=repeats, container=None)
         if not -len(self) <= index < len(self):
             raise IndexError(f"layer {index} of {len(self)}")
         return self.make(index % len(self))
@@ -198,8 +237,7 @@ class LayerStack(Sequence[Layer]):
 
     def map(self, change: Callable[[Layer], Layer]) -> LayerStack:
         """The stack whose layers are `change` of these, computed when asked for. The frame and z's stay."""
-        make = self.make
-        return replace(self, make=lambda i: change(make(i)))
+        return replace(self, make=_Changed(self.make, change))
 
     def with_workers(self, workers: int) -> LayerStack:
         """The same layers, made by so many threads (0: one per core)."""
@@ -351,4 +389,36 @@ def _size(shape: tuple[int, ...]) -> str:
 
 def layer_maker(rows_of: Callable[[int], Any], width: int, z_mm: NDArray[np.float64]) -> Callable[[int], Layer]:
     """`make` for a source that gives packed rows by index."""
-    return lambda i: Layer(rows_of(i), width, _bounds(z_mm, i))
+    return _Made(rows_of, width, z_mm)
+
+
+# How layers are made is a value, not a closure, so that stacks can be pickled: what is pickled is how to make the
+# layers, not the layers (of a stack that was made from images they are all there is).
+
+
+@dataclass(frozen=True, eq=False)
+class _Made:
+    rows_of: Callable[[int], Any]
+    width: int
+    z_mm: NDArray[np.float64]
+
+    def __call__(self, index: int) -> Layer:
+        return Layer(self.rows_of(index), self.width, _bounds(self.z_mm, index))
+
+
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    make: Callable[[int], Layer]
+    chosen: range
+
+    def __call__(self, index: int) -> Layer:
+        return self.make(self.chosen[index])
+
+
+@dataclass(frozen=True, eq=False)
+class _Changed:
+    make: Callable[[int], Layer]
+    change: Callable[[Layer], Layer]
+
+    def __call__(self, index: int) -> Layer:
+        return self.change(self.make(index))

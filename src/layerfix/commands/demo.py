@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from layerfix.commands.fix import Options, Summary, fix
+from layerfix.commands.fix import Summary, fix
+from layerfix.commands.options import Frame, Options, Run
 from layerfix.files import whole_folder
 from layerfix.formats import write
 from layerfix.mesh.slicing import slice_mesh
@@ -33,7 +34,7 @@ def run_demo(
     with whole_folder(folder, force=force, ours=lambda path: path.name in (PART, BEFORE, AFTER, PICTURE)) as work:
         save_stl(work / PART, mesh)
         # The part's own layer height, so that the file, the images and the picture agree.
-        options = Options(printer=printer, layer_mm=part.layer_mm, picture=work / PICTURE)
+        options = Options(printer, Frame(layer_mm=part.layer_mm), run=Run(picture=work / PICTURE))
         summary = fix(work / PART, work / AFTER, options, progress)
         before = slice_mesh(mesh, pixel_mm=printer.pixel_mm, layer_mm=part.layer_mm, margin_mm=printer.min_feature_mm)
         write(work / BEFORE, before)

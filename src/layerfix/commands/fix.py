@@ -2,65 +2,27 @@
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from layerfix.commands.options import Options, flag, refuse_given
 from layerfix.draw.before_after import before_after
 from layerfix.errors import InputError, OutputError
-from layerfix.fdm import settings_for
 from layerfix.files import check_apart, check_target, whole_file
-from layerfix.formats import format_for, read, write, writer_for
+from layerfix.formats import check_options, find_format, find_writer, options_for_layers, read, read_mesh, write
 from layerfix.layers.correction import correct, feature_radius_px
 from layerfix.mesh.slicing import slice_mesh
-from layerfix.mesh.triangles import SUFFIXES, load_mesh
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
     from layerfix.fdm import PathSettings
+    from layerfix.layers.correction import Mode
     from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
-
-
-@dataclass(frozen=True)
-class Options:
-    """What the user asked for; None is "as the printer or the file says"."""
-
-    printer: Printer | None = None
-    pixel_mm: tuple[float, float] | None = None
-    layer_mm: float | None = None
-    first_layer_mm: float | None = None
-    min_feature_mm: float | None = None
-    mode: str | None = None
-    fill: str = "nonzero"
-    unit: str | None = None
-    workers: int = 0
-    force: bool = False
-    bits: int = 8
-    threshold: int = 128
-    grey_floor: int = 32
-    picture: Path | None = None
-    tolerance_mm: float | None = None
-    ascii: bool = False
-    layers: tuple[int, int] | None = None
-    width_mm: float | None = None
-    perimeters: int | None = None
-    density: float | None = None
-    seam: str | None = None
-    skirt_loops: int | None = None
-
-    def path_settings(self) -> PathSettings | None:
-        """How G-code lays its beads: the printer's way with the user's changes; None without a nozzle."""
-        if self.printer is None or self.printer.nozzle_mm is None:
-            return None
-        wanted = {key: getattr(self, key) for key in ("width_mm", "perimeters", "density", "seam", "skirt_loops")}
-        if self.width_mm is not None:
-            wanted["first_layer_width_mm"] = self.width_mm
-        return settings_for(self.printer, **{key: value for key, value in wanted.items() if value is not None})
 
 
 @dataclass(frozen=True)
@@ -89,85 +51,86 @@ class Summary:
     notes: tuple[str, ...] = ()
 
 
-def load_kernels(target: Path) -> None:
-    """Load, and on a machine's first run compile, what only some targets need, before any progress is shown."""
-    if target.suffix.lower() == ".gcode":
-        importlib.import_module("layerfix.fdm.toolpaths")
-    elif target.suffix.lower() in (".stl", ".3mf", ".svg", ".geojson", ".cli"):
-        importlib.import_module("layerfix.outlines.contours")
-
-
 def fix(
     source: Path,
     target: Path,
     options: Options,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Summary:
-    """Correct `source` (a mesh, a folder or a zip of images) into `target`.
+    """Correct `source` (a mesh, a job, images) into `target`.
 
     progress is called with (layers done, layers in all).
     Raises InputError and OutputError before any work where it can; then nothing is written.
     """
     started = time.perf_counter()
     _check_paths(source, target, options)
+    check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
     stack = open_stack(source, options)
+    check_options(target, options.output, find_writer(target, stack).takes, flag)
     min_feature_mm = _min_feature_mm(options)
-    mode = options.mode or _usual_mode(options.printer, stack)
-    if options.layers is not None:
-        stack = _chosen(source, stack, options.layers)
-    if options.tolerance_mm is not None and options.tolerance_mm > min_feature_mm:
+    mode = options.correction.mode or _usual_mode(options.printer, stack)
+    if options.run.layers is not None:
+        stack = _chosen(source, stack, options.run.layers)
+    tolerance_mm = options.output.get("tolerance_mm")
+    if tolerance_mm is not None and tolerance_mm > min_feature_mm:
         raise InputError(
-            f"tolerance {format_mm(options.tolerance_mm)} is larger than the minimum feature of"
+            f"tolerance {format_mm(tolerance_mm)} is larger than the minimum feature of"
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
-    writer_for(target, stack)
-    told = _doubts(options, paths, min_feature_mm)
-    fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.workers)
+    told = _doubts(tolerance_mm, paths, min_feature_mm)
+    fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.run.workers)
     done: list[Layer] = []
 
     def watch(index: int, layer: Layer) -> None:
         done.append(layer)
         progress(index + 1, len(fixed))
 
-    write(target, fixed, options.printer, force=options.force, bits=options.bits, watch=watch, ascii=options.ascii,
-          tolerance_mm=options.tolerance_mm, paths=paths, tell=told.append)  # fmt: skip
+    run = options.run
+    write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, **options.output)
     summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
-    if options.picture:
-        draw_layer(stack, fixed, summary.most_changed_layer, options.picture, force=options.force)
+    if run.picture:
+        draw_layer(stack, fixed, summary.most_changed_layer, run.picture, force=run.force)
     return summary
 
 
 def open_stack(source: Path, options: Options) -> LayerStack:
-    """The layers of a mesh (sliced for the printer or the given pitch) or of an image stack."""
-    if source.suffix.lower() not in SUFFIXES:
-        return read(source, printer=options.printer, pixel_mm=options.pixel_mm, layer_mm=options.layer_mm,
-                    first_layer_mm=options.first_layer_mm, threshold=options.threshold,
-                    grey_floor=options.grey_floor)  # fmt: skip
-    return open_part(source, options)[1]
+    """The layers of a mesh (sliced for the printer or the given pitch), of a job, or of images.
+
+    Raises InputError for options that go with the other.
+    """
+    found, _ = find_format(source)
+    if found.mesh is not None:
+        return open_part(source, options)[1]
+    refuse_given(options.slicing, f"goes with meshes; {source} holds layers already")
+    frame, greys = options.frame, {f: v for f, v in asdict(options.greys).items() if v is not None}
+    return read(source, printer=options.printer, pixel_mm=frame.pixel_mm, layer_mm=frame.layer_mm,
+                first_layer_mm=frame.first_layer_mm, **greys)  # fmt: skip
 
 
 def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
     """A mesh, turned to fit the printer, and its layers."""
-    printer = options.printer
-    pixel_mm = options.pixel_mm or (printer.pixel_mm if printer else None)
-    layer_mm = options.layer_mm or (printer.layer_mm if printer else None)
+    refuse_given(options.greys, f"goes with images and jobs; {source} is a mesh")
+    printer, frame = options.printer, options.frame
+    pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
+    layer_mm = frame.layer_mm or (printer.layer_mm if printer else None)
     if pixel_mm is None or layer_mm is None:
         raise InputError(
             f"{source}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)"
         )
-    first_mm = options.first_layer_mm or (printer.first_layer_mm if printer and not options.layer_mm else None)
+    first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
     min_feature_mm = _min_feature_mm(options)
     feature_radius_px(min_feature_mm, pixel_mm)
     paths = options.path_settings()
     if paths is not None:
         for height in (layer_mm, first_mm or layer_mm):
             paths.check_layer(height)
-    mesh = _turned_to_fit(load_mesh(source, unit=options.unit), printer)
+    mesh = _turned_to_fit(read_mesh(source, unit=options.slicing.unit), printer)
     _check_size(mesh, printer, min_feature_mm)
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
     return mesh, slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
-                            margin_mm=min_feature_mm, fill=options.fill, frame_px=panel)  # fmt: skip
+                            margin_mm=min_feature_mm, fill=options.slicing.fill or "nonzero",
+                            frame_px=panel)  # fmt: skip
 
 
 def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:
@@ -182,9 +145,8 @@ def _check_paths(source: Path, target: Path, options: Options) -> None:
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
     check_apart(target, source)
-    format_for(target)  # an unknown suffix is refused before any work
-    check_target(target, force=options.force)
-    picture = options.picture
+    check_target(target, force=options.run.force)
+    picture = options.run.picture
     if picture:
         if picture.suffix.lower() != ".png":
             raise OutputError(f"{picture}: the picture is written as PNG; call it .png")
@@ -193,7 +155,7 @@ def _check_paths(source: Path, target: Path, options: Options) -> None:
             raise OutputError(f"{picture}: is where the output goes; choose another place for the picture")
         if picture.is_dir():
             raise OutputError(f"{picture}: is a folder; the picture is a file")
-        check_target(picture, force=options.force)
+        check_target(picture, force=options.run.force)
 
 
 def _chosen(source: Path, stack: LayerStack, layers: tuple[int, int]) -> LayerStack:
@@ -203,7 +165,7 @@ def _chosen(source: Path, stack: LayerStack, layers: tuple[int, int]) -> LayerSt
     return stack[first:stop]
 
 
-def _usual_mode(printer: Printer | None, stack: LayerStack) -> str:
+def _usual_mode(printer: Printer | None, stack: LayerStack) -> Mode:
     """The printer's mode; without one, that of resin printers for a resin job."""
     if printer:
         return printer.mode
@@ -211,8 +173,8 @@ def _usual_mode(printer: Printer | None, stack: LayerStack) -> str:
 
 
 def _min_feature_mm(options: Options) -> float:
-    if options.min_feature_mm is not None:
-        return options.min_feature_mm
+    if options.correction.min_feature_mm is not None:
+        return options.correction.min_feature_mm
     if options.printer is None:
         raise InputError("no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer")
     return options.printer.min_feature_mm
@@ -290,12 +252,12 @@ def _add_up(
     )
 
 
-def _doubts(options: Options, paths: PathSettings | None, min_feature_mm: float) -> list[str]:
+def _doubts(tolerance_mm: float | None, paths: PathSettings | None, min_feature_mm: float) -> list[str]:
     """A word about what was asked for and is allowed, but may not be what is wanted."""
     doubts = []
-    if options.tolerance_mm is not None and options.tolerance_mm > min_feature_mm / 4:
+    if tolerance_mm is not None and tolerance_mm > min_feature_mm / 4:
         doubts.append(
-            f"a tolerance of {format_mm(options.tolerance_mm)} is much for a minimum feature of"
+            f"a tolerance of {format_mm(tolerance_mm)} is much for a minimum feature of"
             f" {format_mm(min_feature_mm)}: outlines may come out thinner than it"
         )
     if paths is not None and min_feature_mm < paths.range_mm[0] * (1 - 1e-9):

@@ -10,24 +10,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.commands.fix import Options, open_part
+from layerfix.commands.fix import open_part
+from layerfix.commands.options import Correction, Options
 from layerfix.draw.canvas import SUFFIXES as DRAWINGS
-from layerfix.draw.plots import draw_widths
 from layerfix.errors import InputError, OutputError
 from layerfix.fdm import settings_for
 from layerfix.fdm.bands import banded
 from layerfix.fdm.speeds import Speeds, written_time
+from layerfix.fdm.width_plan import WidthPlan
 from layerfix.files import check_apart, check_target
 from layerfix.formats import write
-from layerfix.formats.solid.width_files import SLICERS, table, write_csv, write_json, write_width_3mf
-from layerfix.layers.correction import correct
+from layerfix.formats.solid.width_files import SLICERS
 from layerfix.layers.widths import Widths, suggest_widths
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
-    from layerfix.mesh.triangles import Mesh
+    from layerfix.formats.options import Own
     from layerfix.printers import Printer
-    from layerfix.stack import LayerStack
+    from layerfix.stack import Layer
 
 SUFFIXES = (".3mf", ".gcode", ".csv", ".json", *DRAWINGS)
 
@@ -42,7 +42,7 @@ class WidthOptions:
     loss_mm: float = 0.0
     bands: int = 6
     band_height_mm: float | None = None
-    slicer: str = "prusa"
+    slicer: str | None = None
 
 
 @dataclass(frozen=True)
@@ -91,27 +91,37 @@ def suggest(
     low, high = wanted.min_mm or settings.range_mm[0], wanted.max_mm or settings.range_mm[1]
     for width in (low, high):
         settings.check_width(width)
-    if wanted.slicer not in SLICERS:
+    if wanted.slicer is not None and wanted.slicer not in SLICERS:
         raise InputError(f"slicer '{wanted.slicer}' is not known; choose from {', '.join(SLICERS)}")
+    models = [path for path in targets if path.suffix.lower() == ".3mf"]
+    if wanted.slicer is not None and not models:
+        raise InputError(f"--slicer {wanted.slicer}: goes with a .3mf, and none of the outputs is one")
     if not source.is_file():
         raise InputError(f"{source}: no such file")
     for path in targets:
-        _check(path, source, options.force)
+        _check(path, source, options.run.force)
         if targets.count(path) > 1:
             raise OutputError(f"{path}: is named twice; every output needs a name of its own")
-    px, py = options.pixel_mm or printer.pixel_mm
+    px, py = options.frame.pixel_mm or printer.pixel_mm
     if abs(px - py) > 1e-9 * px and any(path.suffix.lower() == ".gcode" for path in targets):
         raise InputError(f"pixels of {format_mm(px)} × {format_mm(py)}: G-code needs square pixels; use one pitch")
-    mesh, stack = open_part(source, replace(options, min_feature_mm=options.min_feature_mm or low))
-    stack = stack.with_workers(options.workers)
+    feature_mm = options.correction.min_feature_mm or low
+    mesh, stack = open_part(source, replace(options, correction=Correction(feature_mm)))
+    stack = stack.with_workers(options.run.workers)
     suggested = suggest_widths(stack, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm)
     layer_mm = float(np.median(stack.z_mm[:, 1] - stack.z_mm[:, 0]))
     height_mm = 5 * layer_mm if wanted.band_height_mm is None else wanted.band_height_mm
     chosen = banded(suggested, wanted.bands, min_height_mm=height_mm)
     summary = _add_up(source, targets, suggested, chosen, printer, settings.width_mm, started)
     told: list[str] = list(stack.notes)
+    plan = WidthPlan(mesh, stack, suggested, chosen, printer, settings, asdict(summary))
+
+    def watch(index: int, layer: Layer) -> None:
+        progress(index + 1, len(stack))
+
     for path in targets:
-        _write(path, mesh, stack, suggested, chosen, summary, options, wanted, progress, told.append)
+        own: Own = {"slicer": wanted.slicer} if path.suffix.lower() == ".3mf" and wanted.slicer else {}
+        write(path, plan, printer, force=options.run.force, watch=watch, tell=told.append, **own)
     return replace(summary, seconds=time.perf_counter() - started, notes=tuple(told))
 
 
@@ -120,35 +130,6 @@ def _check(path: Path, source: Path, force: bool) -> None:
         raise OutputError(f"{path}: widths are written as {' '.join(SUFFIXES)}")
     check_apart(path, source)
     check_target(path, force=force)
-
-
-def _write(
-    path: Path,
-    mesh: Mesh,
-    stack: LayerStack,
-    suggested: Widths,
-    chosen: Widths,
-    summary: WidthSummary,
-    options: Options,
-    wanted: WidthOptions,
-    progress: Callable[[int, int], None],
-    tell: Callable[[str], None],
-) -> None:
-    suffix, printer = path.suffix.lower(), options.printer
-    assert printer is not None  # checked by `suggest`
-    if suffix == ".3mf":
-        write_width_3mf(path, mesh, chosen, slicer=wanted.slicer, bed_mm=printer.build_mm, force=options.force)
-    elif suffix == ".gcode":
-        fixed = correct(stack, min_feature_mm=summary.range_mm[0])
-        write(path, fixed, printer, force=options.force, paths=options.path_settings(), width_mm=chosen.width_mm,
-              watch=lambda index, _: progress(index + 1, len(stack)), tell=tell)  # fmt: skip
-    elif suffix == ".csv":
-        write_csv(path, table(suggested, chosen), force=options.force)
-    elif suffix == ".json":
-        write_json(path, table(suggested, chosen), asdict(summary), force=options.force)
-    else:
-        title = f"{mesh.name}: extrusion widths for {printer.title}"
-        draw_widths(stack, suggested, chosen, title=title).save(path, force=options.force)
 
 
 def _add_up(

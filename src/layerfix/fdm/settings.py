@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack, get_args
 
 from layerfix.errors import InputError
 from layerfix.units import format_mm
@@ -12,7 +12,8 @@ from layerfix.units import format_mm
 if TYPE_CHECKING:
     from layerfix.printers import Printer
 
-SEAMS = ("nearest", "rear", "random")
+Seam = Literal["nearest", "rear", "random"]
+SEAMS: tuple[Seam, ...] = get_args(Seam)
 # A bead is laid well from 0.85 to 2 nozzle widths (measured by the slicers' makers; Arachne's lower limit).
 NARROWEST, WIDEST = 0.85, 2.0
 
@@ -39,7 +40,7 @@ class PathSettings:
     density: float = 0.2
     top_layers: int = 4
     bottom_layers: int = 4
-    seam: str = "nearest"
+    seam: Seam = "nearest"
     skirt_loops: int = 1
     skirt_gap_mm: float = 3.0
 
@@ -92,7 +93,23 @@ class PathSettings:
             )
 
 
-def settings_for(printer: Printer, **changes: object) -> PathSettings:
+class PathChanges(TypedDict, total=False):
+    """What `settings_for` may change, by the names of `PathSettings`."""
+
+    nozzle_mm: float
+    width_mm: float
+    first_layer_width_mm: float | None
+    width_range_mm: tuple[float, float] | None
+    perimeters: int
+    density: float
+    top_layers: int
+    bottom_layers: int
+    seam: Seam
+    skirt_loops: int
+    skirt_gap_mm: float
+
+
+def settings_for(printer: Printer, **changes: Unpack[PathChanges]) -> PathSettings:
     """The settings a printer's file says, with changes. Raises InputError for a printer without a nozzle."""
     if printer.nozzle_mm is None:
         raise InputError(f"printer {printer.name} ({printer.process}) has no nozzle; choose an FDM printer")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
@@ -35,7 +35,14 @@ class Toolpaths(Sequence[LayerPaths]):
     def __len__(self) -> int:
         return len(self.stack)
 
-    def __getitem__(self, index: int) -> LayerPaths:  # type: ignore[override]  # no slices: layers need neighbours
+    @overload
+    def __getitem__(self, index: int) -> LayerPaths: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[LayerPaths]: ...
+    def __getitem__(self, index: int | slice) -> LayerPaths | list[LayerPaths]:
+        """The beads of a layer, or a list of those of several: they depend on the layers around, which stay."""
+        if isinstance(index, slice):
+            return [self[k] for k in range(len(self))[index]]
         k = range(len(self))[index]
         first = max(k - self.settings.bottom_layers, 0)
         around = [self.stack[i] for i in range(first, min(k + self._above + 1, len(self)))]

@@ -1,92 +1,23 @@
-"""Every file layerfix reads and writes layers from and to: one module a format, one table.
-
-Files are recognised by what is in them; the suffix decides only what is written.
-"""
+"""Reading and writing files: recognised by what is in them, written as their suffix says (`table` has the rows)."""
 
 from __future__ import annotations
 
-import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from layerfix.errors import InputError, OutputError
-from layerfix.files import reading
-from layerfix.formats.jobs import chitu, chitubox_zip, cws, goo, nanodlp, sl1
-from layerfix.formats.jobs.container import rewrite
-from layerfix.formats.jobs.zips import Archive
-from layerfix.formats.options import Hints, WriteOptions
-from layerfix.formats.png import images as png_stack
-from layerfix.formats.solid import model
-from layerfix.formats.vector import common_layer, gcode, geojson, svg
-from layerfix.mesh.triangles import SUFFIXES as MESH_SUFFIXES
-from layerfix.stack import LayerStack, pitch_mm
+from layerfix.formats.options import Hints, Own, WriteOptions, own_options
+from layerfix.formats.probe import Probe
+from layerfix.formats.table import AS_LAYERS, Format, Writer, function, kind_of, recognising, rows
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from layerfix.fdm import PathSettings
     from layerfix.formats.encoding import Watch
+    from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
+    from layerfix.stack import LayerStack
 
-
-class Format(NamedTuple):
-    """One kind of file. suffixes: "" is a folder. write: None where only a job of the kind can be rewritten."""
-
-    suffixes: tuple[str, ...]
-    name: str
-    write: Callable[[Path, LayerStack, WriteOptions], None] | None
-    reads: bool = True
-
-
-class ZipKind(NamedTuple):
-    """A job that is a zip: how its entries give it away, and how it is read."""
-
-    recognises: Callable[[Archive], bool]
-    read: Callable[[Archive, Hints], LayerStack]
-
-
-FORMATS = (
-    Format(("",), "folder of PNG images", png_stack.write_folder),
-    Format((".zip",), "zip of PNG images", png_stack.write_zip),
-    Format(gcode.SUFFIXES, "G-code", gcode.write, False),
-    Format((".3mf",), "3MF meshes", model.write_model_3mf, False),
-    Format((".stl",), "STL meshes", model.write_stl, False),
-    Format((".svg",), "SVG outlines", svg.write, False),
-    Format((".geojson",), "GeoJSON outlines", geojson.write, False),
-    Format((".cli",), "Common Layer Interface files", common_layer.write, False),
-    Format(sl1.SUFFIXES, "Prusa SL1, SL1S and M1 jobs", sl1.write),
-    Format(goo.SUFFIXES, "Elegoo GOO jobs", goo.write),
-    Format(chitu.PHOTON_SUFFIXES, "Photon and CBDDLP jobs", None),
-    Format(chitu.CTB_SUFFIXES, "CTB jobs", None),
-    Format((".nanodlp",), "NanoDLP plates", None),
-    Format(cws.SUFFIXES, "CWS jobs", None),
-)
-ZIP_KINDS = (
-    ZipKind(sl1.recognises, sl1.read),
-    ZipKind(nanodlp.recognises, nanodlp.read),
-    ZipKind(chitubox_zip.recognises, chitubox_zip.read),
-    ZipKind(cws.recognises, cws.read),
-    ZipKind(lambda archive: True, png_stack.read_zip),
-)
-
-
-class BinaryKind(NamedTuple):
-    """A job in a format of its own: how its first bytes give it away, and how it is read."""
-
-    recognises: Callable[[bytes], bool]
-    read: Callable[[Path, Hints], LayerStack]
-
-
-BINARY_KINDS = (BinaryKind(goo.recognises, goo.read), BinaryKind(chitu.recognises, chitu.read))
-HEAD_BYTES = 16
-
-
-def known_suffixes(*, read: bool = False) -> str:
-    """For messages: ``a folder, .zip``; of all that is written, or that layers are read from."""
-    return ", ".join(suffix or "a folder" for f in FORMATS if f.reads or not read for suffix in f.suffixes)
+__all__ = ["Format", "WriteOptions", "Writer", "find_format", "find_writer", "read", "write"]
 
 
 def read(
@@ -99,113 +30,218 @@ def read(
     threshold: int = 128,
     grey_floor: int = 32,
 ) -> LayerStack:
-    """A sliced job, or a folder or zip of images, as a LayerStack that decodes each layer when asked.
+    """A sliced job, or a folder, a zip or one of images, as a LayerStack that decodes each layer when asked.
 
     The pitch and layer height come from the arguments, else from the file, else from `printer`.
     threshold   grey value from which a pixel is solid, 1 … 255
     grey_floor  grey value from which a stroke that nowhere reaches `threshold` is solid all the same; 0: never
-    Raises InputError naming the file for one that is missing, unknown, broken or without a pitch.
+    Raises InputError naming the file for one that is missing, unknown, broken or without a pitch, and for a mesh
+    (`load_mesh`, `slice_mesh`).
     """
-    path = Path(path)
+    from layerfix.stack import pitch_mm
+
     if not 1 <= threshold <= 255 or not 0 <= grey_floor <= 255:
         raise InputError(f"threshold {threshold}, grey floor {grey_floor}: grey values are 1 to 255 (floor: or 0)")
     pitch = None if pixel_mm is None else pitch_mm(pixel_mm)
+    found, probe = find_format(path)
+    if found.layers is None:
+        raise InputError(f"{path}: a mesh; layers are cut from it: slice_mesh(load_mesh(…), …)")
     hints = Hints(printer, pitch, layer_mm, first_layer_mm, threshold, grey_floor)
+    stack: LayerStack = function(found.layers)(probe, hints)
+    return stack
+
+
+def find_format(path: str | Path) -> tuple[Format, Probe]:
+    """What a file is, by what is in it; by its suffix where nothing in it tells.
+
+    Raises InputError for one that is missing, unknown, or known and not read (saying what to do instead).
+    """
+    path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
-    if path.is_dir():
-        return png_stack.read_folder(path, hints)
-    with reading(path):
-        is_zip = zipfile.is_zipfile(path)
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
-    refused = refusal(path, head)
-    if refused:
-        raise InputError(refused)
-    for binary in BINARY_KINDS:
-        if binary.recognises(head):
-            return binary.read(path, hints)
-    if is_zip and path.suffix.lower() not in MESH_SUFFIXES:
-        archive = Archive(path)
-        return next(kind for kind in ZIP_KINDS if kind.recognises(archive)).read(archive, hints)
-    raise InputError(
-        f"{path}: not a file that layerfix knows; it reads meshes ({' '.join(MESH_SUFFIXES)}), and layers from"
-        f" {known_suffixes(read=True)}"
-    )
+    probe = Probe(path)
+    found = next((row for row in recognising() if row.recognises is not None and row.recognises(probe)), None)
+    if found is None:  # broken, perhaps: then the reader of what it is called says how
+        readers = (row for row in rows() if row.layers or row.mesh)
+        found = next((row for row in readers if probe.suffix and probe.suffix in row.suffixes), None)
+    if found is None:
+        raise InputError(
+            f"{path}: not a file that layerfix knows; it reads meshes ({suffixes('mesh')}), and layers from"
+            f" {suffixes('layers')}"
+        )
+    if found.refusal:
+        raise InputError(f"{path}: {found.refusal.format(path=path, suffix=path.suffix)}")
+    return found, probe
 
 
-def refusal(path: Path, head: bytes) -> str | None:
-    """Why a recognised kind of file is not read, and what to do instead."""
-    if head[:4] == chitu.ENCRYPTED.to_bytes(4, "little"):
-        kind = "an encrypted CTB"
-    elif path.suffix.lower() in gcode.SUFFIXES:
-        return f"{path}: G-code is not corrected, only drawn: `layerfix draw {path} layer.png`"
-    elif head[:8] == b"ANYCUBIC" or path.suffix.lower() == ".pwsz":
-        kind = "one of Anycubic's own formats"
-    else:
-        return None
-    return (
-        f"{path}: {kind}, which layerfix does not read; UVtools does the rest:"
-        f" `UVtoolsCmd extract {path} layers -c Layers`, then correct the folder layers with layerfix, then"
-        f" `UVtoolsCmd run {path} import.uvtop -o fixed{path.suffix}`, where import.uvtop is a saved"
-        ' "import layers" operation of the corrected images with import type Replace'
-    )
+def suffixes(what: str) -> str:
+    """For messages: ``a folder, .zip``; of all that is read as "mesh" or "layers", or written from "layers"."""
+    chosen = {
+        "mesh": [row for row in rows() if row.mesh is not None],
+        "layers": [row for row in rows() if row.layers is not None],
+        "written": [row for row in rows() if "layers" in row.writers],
+    }[what]
+    found = dict.fromkeys(suffix or "a folder" for row in chosen for suffix in row.suffixes)
+    return (" " if what == "mesh" else ", ").join(found)
+
+
+class Found(NamedTuple):
+    """What writes a value to a path: the function, the options it takes, and the value as it takes it."""
+
+    write: Callable[..., None]
+    options: type[WriteOptions]
+    value: Any
+    known: dict[str, Any]  # options that the value brings along
+    kernels: tuple[str, ...] = ()
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """The options that are still open."""
+        return tuple(name for name in own_options(self.options) if name not in self.known)
 
 
 def write(
     path: str | Path,
-    stack: LayerStack,
-    printer: Printer | None = None,
+    value: object,
+    printer: Printer | str | None = None,
     *,
     force: bool = False,
-    bits: int = 8,
     watch: Watch | None = None,
-    tolerance_mm: float | None = None,
-    ascii: bool = False,
-    paths: PathSettings | None = None,
-    width_mm: ArrayLike | None = None,
     tell: Callable[[str], None] | None = None,
+    **own: Unpack[Own],
 ) -> None:
-    """Write a stack in the format that the suffix names; a path without a suffix is a folder of PNG images.
+    """Write a LayerStack (or Contours, Toolpaths, a WidthPlan, a Mesh) in the format that the suffix names.
 
-    A stack that was read from a job and goes to a job of the same format keeps every byte that did not change.
+    A path without a suffix is a folder of PNG images. A stack that was read from a job and goes to a job of the
+    same format keeps every byte that did not change.
 
-    force   replace what is there
-    bits    1 or 8, for PNG images
-    watch   told of each layer in order: its index, and the layer without its pixels
-    tolerance_mm  of outlines and meshes, as in `trace_contours`
-    ascii   for .cli: text instead of binary
-    paths   for .gcode: how beads are laid, instead of what the printer's file says
-    width_mm  for .gcode: extrusion width of each layer, (layers,)
-    tell    told in a sentence what a user should know of what was written
-    Raises OutputError for an unknown suffix, an existing target without `force`, and whatever the system
-    refuses; then nothing is left behind.
+    printer  a Printer, or its name, for formats that need one
+    force    replace what is there
+    watch    told of each layer in order: its index, and the layer without its pixels
+    tell     told in a sentence what a user should know of what was written
+    own      what this format's writer takes (`layerfix.formats.options`): bits for PNG images; tolerance_mm for
+             outlines and meshes; ascii for .cli; paths, width_mm, perimeters, density, seam, skirt_loops for .gcode;
+             slicer for a .3mf of a WidthPlan
+    Raises OutputError for an unknown suffix, a value that the format does not hold, an option that its writer does
+    not take, an existing target without `force`, and whatever the system refuses; then nothing is left behind.
     """
     path = Path(path)
-    widths = None if width_mm is None else np.broadcast_to(np.asarray(width_mm, np.float64), (len(stack),))
-    options = WriteOptions(printer, force, bits, watch, tolerance_mm, ascii, paths, widths, tell)
-    writer_for(path, stack)(path, stack, options)
+    found = find_writer(path, value)
+    given = {name: option for name, option in own.items() if option is not None}
+    check_options(path, given, found.takes)
+    if isinstance(printer, str):
+        from layerfix.printers import load_printer
+
+        printer = load_printer(printer)
+    options = found.options(printer, force, watch, tell, **found.known, **given)
+    found.write(path, found.value, options)
 
 
-def writer_for(path: Path, stack: LayerStack) -> Callable[[Path, LayerStack, WriteOptions], None]:
-    """What writes `stack` to `path`. Raises OutputError if nothing does."""
-    if stack.container is not None and path.suffix.lower() in stack.container.suffixes:
-        return rewrite
-    found = format_for(path)
-    if found.write is None:
-        raise OutputError(
-            f"{path}: {found.name} are written only from jobs of the same kind; layerfix can write this one to"
-            f" {', '.join(f.suffixes[0] or 'a folder' for f in FORMATS if f.write)}"
-        )
-    return found.write
-
-
-def format_for(path: Path) -> Format:
-    """The format that the suffix of an output names."""
+def find_writer(path: Path, value: object) -> Found:
+    """What writes `value` to `path`. Raises OutputError if nothing does, saying what to pass, or where else to."""
     if path.name == "-":
-        raise OutputError("-: layers are not written to standard output; name a file")
+        raise OutputError("-: nothing is written to standard output; name a file")
+    kind = kind_of(value)
+    if kind == "layers" and _in_place(path, value):
+        from layerfix.formats.jobs.container import rewrite
+
+        return Found(rewrite, WriteOptions, value, {})
     suffix = path.suffix.lower()
-    for known in FORMATS:
-        if suffix in known.suffixes:
-            return known
-    raise OutputError(f"{path}: no writer for '{path.suffix}'; layerfix writes {known_suffixes()}")
+    named = []
+    for row in rows():  # those of other distributions are loaded only if it comes to them
+        if suffix not in row.suffixes:
+            continue
+        named.append(row)
+        writer = row.writers.get(kind or "")
+        if writer is not None:
+            return Found(function(writer.function), writer.options, value, {}, writer.kernels)
+        writer = row.writers.get("layers")
+        if writer is not None and kind in AS_LAYERS:
+            stack, known = AS_LAYERS[kind](value)
+            if known.keys() <= set(own_options(writer.options)):
+                return Found(function(writer.function), writer.options, stack, known, writer.kernels)
+    raise OutputError(f"{path}: {_why_not(path, value, kind, named)}")
+
+
+def _in_place(path: Path, value: Any) -> bool:
+    return value.container is not None and path.suffix.lower() in value.container.suffixes
+
+
+def _why_not(path: Path, value: object, kind: str | None, named: list[Format]) -> str:
+    """Why nothing writes this value here, and what would be."""
+    what = type(value).__name__
+    if what == "Layer":
+        return "one layer does not know its frame; pass a stack of one: stack[3:4]"
+    if kind is None:
+        return f"{what} is not written; pass a LayerStack, Contours, Toolpaths, a WidthPlan or a Mesh"
+    if not named:
+        return f"no writer for '{path.suffix}'; layerfix writes {suffixes('written')}"
+    other = [suffix or "a folder" for row in rows() if kind in row.writers for suffix in row.suffixes[:1]]
+    if any(row.rewritten for row in named) and kind == "layers":
+        return (
+            f"{named[0].name} are written only from jobs of the same kind; layerfix can write this one to"
+            f" {', '.join(dict.fromkeys(other))}"
+        )
+    if kind in AS_LAYERS and not other:
+        return f"{named[0].name} do not hold {what}; pass its layers: .stack"
+    return f"{named[0].name} do not hold a {what}; it goes to {', '.join(dict.fromkeys(other))}"
+
+
+def options_for_layers(path: Path) -> tuple[str, ...]:
+    """What the writer of layers takes that the suffix of `path` names; nothing where only jobs are rewritten."""
+    writers = (row.writers.get("layers") for row in rows() if path.suffix.lower() in row.suffixes)
+    return next((own_options(writer.options) for writer in writers if writer is not None), ())
+
+
+def check_options(
+    path: Path, names: Iterable[str], takes: Sequence[str], called: Callable[[str], str] = lambda name: name
+) -> None:
+    """Raises OutputError for options that the writer of `path` does not take, saying what they go with.
+
+    called  what the user calls an option; "" for one that has no such name
+    """
+    wrong = [name for name in names if name not in takes]
+    if not wrong:
+        return
+    where = {name: _goes_with(name) for name in wrong}
+    said = "; ".join(
+        f"{called(name)} goes with {where[name]}" if where[name] else f"{called(name)} is no option of any format"
+        for name in wrong
+    )
+    here = path.suffix or "a folder"
+    other = (
+        f"{here} takes {', '.join(filter(None, map(called, takes)))}"
+        if takes
+        else f"{here} takes no options of its own"
+    )
+    raise OutputError(f"{path}: {said}; {other}")
+
+
+def _goes_with(name: str) -> str:
+    found = (
+        suffix or "a folder"
+        for row in rows()
+        for writer in row.writers.values()
+        if name in own_options(writer.options)
+        for suffix in row.suffixes
+    )
+    return ", ".join(dict.fromkeys(found))
+
+
+def load_kernels(path: Path) -> None:
+    """Load, and on a machine's first run compile, what the writers of a suffix need."""
+    import importlib
+
+    for row in rows():
+        if path.suffix.lower() in row.suffixes:
+            for writer in row.writers.values():
+                for module in writer.kernels:
+                    importlib.import_module(module)
+            return
+
+
+def read_mesh(path: Path, **options: Any) -> Mesh:
+    """The mesh in a file that `find_format` says holds one."""
+    found, _ = find_format(path)
+    mesh: Mesh = function(found.mesh or "layerfix.mesh.triangles:load_mesh")(path, **options)
+    return mesh

@@ -1,17 +1,21 @@
-"""What a user may say about a file that is read or written."""
+"""What a user may say about a file that is read or written: small values that belong to someone.
+
+Each writer takes one of these and nothing else; an option that a file's writer does not take is refused, with what it
+goes with (`layerfix.formats.write`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike
 
     from layerfix.fdm import PathSettings
+    from layerfix.fdm.settings import Seam
     from layerfix.formats.encoding import Watch
     from layerfix.printers import Printer
 
@@ -35,21 +39,96 @@ class Hints:
 
 @dataclass(frozen=True)
 class WriteOptions:
-    """How to write: for which printer, over an existing target or not, PNG bits a pixel, and who watches.
+    """What every writer is told: for which printer, over an existing target or not, and who is told of what.
 
-    tolerance_mm  of outlines (`trace_contours`); None is half a pixel
-    ascii         the readable form of a format that has a binary one, too
-    paths         how G-code lays its beads; None is as the printer's file says
-    width_mm      extrusion width of each layer, (layers,), instead of one for all
-    tell          told in a sentence what a user should know of what was written
+    watch  told of each layer in order: its index, and the layer without its pixels
+    tell   told in a sentence what a user should know of what was written
     """
 
     printer: Printer | None = None
     force: bool = False
-    bits: int = 8
     watch: Watch | None = None
-    tolerance_mm: float | None = None
-    ascii: bool = False
-    paths: PathSettings | None = None
-    width_mm: NDArray[np.float64] | None = None
     tell: Callable[[str], None] | None = None
+
+
+@dataclass(frozen=True)
+class PngOptions(WriteOptions):
+    """bits: 1 or 8 a pixel."""
+
+    bits: int = 8
+
+
+@dataclass(frozen=True)
+class OutlineOptions(WriteOptions):
+    """tolerance_mm: how far simplification may move an outline (`trace_contours`); None is half a pixel."""
+
+    tolerance_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class CliOptions(OutlineOptions):
+    """ascii: the readable form of Common Layer Interface instead of the binary one."""
+
+    ascii: bool = False
+
+
+@dataclass(frozen=True)
+class GcodeOptions(WriteOptions):
+    """How beads are laid.
+
+    paths        instead of what the printer's file says
+    width_mm     extrusion width, one or (layers,); the others change one thing of `PathSettings` each
+    """
+
+    paths: PathSettings | None = None
+    width_mm: ArrayLike | None = None
+    perimeters: int | None = None
+    density: float | None = None
+    seam: Seam | None = None
+    skirt_loops: int | None = None
+
+    def settings(self) -> PathSettings:
+        """`paths`, or what the file of `printer` says, with the changes. Raises InputError for impossible ones."""
+        from dataclasses import replace
+
+        from layerfix.errors import InputError
+        from layerfix.fdm import settings_for
+
+        if self.paths is None and self.printer is None:
+            raise InputError("G-code needs the printer's nozzle, bed and speeds; give a printer")
+        known = self.paths or settings_for(self.printer)  # type: ignore[arg-type]  # one of the two is there
+        names = ("perimeters", "density", "seam", "skirt_loops")
+        changes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if isinstance(self.width_mm, (int, float)):
+            changes |= {"width_mm": self.width_mm, "first_layer_width_mm": self.width_mm}
+        return replace(known, **changes)
+
+
+@dataclass(frozen=True)
+class WidthModelOptions(WriteOptions):
+    """slicer: whose settings a .3mf of extrusion widths holds, "prusa" or "orca"."""
+
+    slicer: str = "prusa"
+
+
+class Own(TypedDict, total=False):
+    """All that some writer takes, for type checkers; which one takes what is in the classes above."""
+
+    bits: int
+    tolerance_mm: float | None
+    ascii: bool
+    paths: PathSettings | None
+    width_mm: ArrayLike | None
+    perimeters: int | None
+    density: float | None
+    seam: Seam | None
+    skirt_loops: int | None
+    slicer: str
+
+
+COMMON = frozenset(field.name for field in fields(WriteOptions))
+
+
+def own_options(options: type[WriteOptions]) -> tuple[str, ...]:
+    """Names of what a writer takes beyond what every writer is told."""
+    return tuple(field.name for field in fields(options) if field.name not in COMMON)

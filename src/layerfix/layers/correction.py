@@ -7,8 +7,8 @@ nothing that was there is taken away.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numba import njit, types
@@ -17,7 +17,7 @@ from layerfix.bits import ROWS, WORK, pack, popcount, unpack
 from layerfix.errors import InputError
 from layerfix.layers.columns import to_columns, to_rows
 from layerfix.layers.morphology import HALF_WIDTHS, dilate_columns, disc_half_widths, erode_columns, working_box
-from layerfix.layers.skeleton import Radius, check_spurs, radii_px, thin_anchored
+from layerfix.layers.skeleton import Radius, Spurs, check_spurs, radii_px, thin_anchored
 from layerfix.layers.thickness import narrowest
 from layerfix.stack import Change
 from layerfix.units import format_mm
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from layerfix.bits import Rows
     from layerfix.stack import Layer, LayerStack
 
-MODES = ("as_printed", "add_only")
+Mode = Literal["as_printed", "add_only"]
+MODES: tuple[Mode, ...] = get_args(Mode)
 
 
 @njit(types.UniTuple(types.int64, 3)(ROWS, WORK), cache=True, nogil=True)
@@ -100,7 +101,7 @@ def _check_mode(mode: str) -> None:
 
 
 def correct(
-    stack: LayerStack, *, min_feature_mm: float, mode: str = "as_printed", spurs: str = "paper"
+    stack: LayerStack, *, min_feature_mm: float, mode: Mode = "as_printed", spurs: Spurs = "paper"
 ) -> LayerStack:
     """The stack with everything narrower than `min_feature_mm` thickened to it (paper, Algorithm 1).
 
@@ -120,21 +121,28 @@ def correct(
             f" {format_mm(stack.width * stack.pixel_mm[0])} × {format_mm(stack.height * stack.pixel_mm[1])}"
         )
     half_widths = disc_half_widths(rx, ry)
-    px_mm, py_mm = stack.pixel_mm
-    add_only = mode == "add_only"
+    return stack.map(_Correction(half_widths, (rx, ry), mode == "add_only", stack.pixel_mm))
 
-    def corrected(layer: Layer) -> Layer:
+
+@dataclass(frozen=True, eq=False)
+class _Correction:
+    """One layer corrected. A value, not a closure: stacks can be pickled."""
+
+    half_widths: NDArray[np.int64]
+    radius_px: tuple[float, float]
+    add_only: bool
+    pixel_mm: tuple[float, float]
+
+    def __call__(self, layer: Layer) -> Layer:
         rows, counts, thinnest = _correct(
-            layer.rows, layer.width, half_widths, max(rx, ry), add_only, True, px_mm, py_mm
+            layer.rows, layer.width, self.half_widths, max(self.radius_px), self.add_only, True, *self.pixel_mm
         )
         solid, added, removed = counts
-        change = Change(solid, added, removed, thinnest if np.isfinite(thinnest) else None, (rx, ry))
+        change = Change(solid, added, removed, thinnest if np.isfinite(thinnest) else None, self.radius_px)
         return replace(layer, rows=rows, change=change)
 
-    return stack.map(corrected)
 
-
-def correct_rows(rows: Rows, width: int, radius: tuple[float, float], mode: str) -> Rows:
+def correct_rows(rows: Rows, width: int, radius: tuple[float, float], mode: Mode) -> Rows:
     """One layer corrected as packed rows: (H, words) → (H, words); radius is (rx, ry) in px."""
     _check_mode(mode)
     half_widths = disc_half_widths(*radius)
@@ -143,7 +151,7 @@ def correct_rows(rows: Rows, width: int, radius: tuple[float, float], mode: str)
 
 
 def correct_image(
-    image: ArrayLike, radius_px: Radius, mode: str = "as_printed", *, spurs: str = "paper"
+    image: ArrayLike, radius_px: Radius, mode: Mode = "as_printed", *, spurs: Spurs = "paper"
 ) -> NDArray[np.bool_]:
     """One layer corrected: (H, W) bool → (H, W) bool. Arguments as in `meso_skeleton` and `correct`."""
     check_spurs(spurs)

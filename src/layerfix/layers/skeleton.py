@@ -7,7 +7,7 @@ round; on 2,500 random images that broke the topology of 6, the anchored form of
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numba import njit, types
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
 
-SPUR_RULES = ("paper",)
+Spurs = Literal["paper"]
+SPUR_RULES: tuple[Spurs, ...] = get_args(Spurs)
 MAX_RADIUS_PX = 4096  # a disc of half a gigabyte of offsets; no printer is that coarse
 Radius = float | tuple[float, float]
 
@@ -91,7 +92,7 @@ def thinned_rows(rows: Rows, anchor: Rows, width: int, spur_rounds: float) -> Ro
     return out
 
 
-def meso_skeleton(image: ArrayLike, radius_px: Radius, *, spurs: str = "paper") -> NDArray[np.bool_]:
+def meso_skeleton(image: ArrayLike, radius_px: Radius, *, spurs: Spurs = "paper") -> NDArray[np.bool_]:
     """The meso-skeleton M̂ of one layer (paper, Algorithm 2, anchored).
 
     image      (H, W) bool, True where the layer is solid; outside is empty

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numba import njit, types
@@ -29,7 +29,8 @@ from layerfix.units import format_mm
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-FILLS = {"even_odd": 0, "nonzero": 1, "positive": 2}
+Fill = Literal["even_odd", "nonzero", "positive"]
+FILLS: dict[Fill, int] = {"even_odd": 0, "nonzero": 1, "positive": 2}
 SNAP_PER_PX = 1024
 SLAB_LAYERS = 16  # layers that share one list of triangles: 4 % of the memory of a list per layer
 MAX_FRAME_PX = 2**31
@@ -201,7 +202,7 @@ def slice_mesh(
     layer_mm: float,
     first_layer_mm: float | None = None,
     margin_mm: float = 1.0,
-    fill: str = "nonzero",
+    fill: Fill = "nonzero",
     frame_px: tuple[int, int] | None = None,
 ) -> LayerStack:
     """Cut a mesh into binary layers at their mid-planes. The part's lowest point becomes z = 0.

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
     from layerfix.formats.options import Hints
+    from layerfix.formats.probe import Probe
     from layerfix.stack import LayerStack
 
 PHOTON_SUFFIXES, CTB_SUFFIXES = (".photon", ".cbddlp"), (".ctb",)
@@ -63,13 +64,9 @@ class _Header:
     records: bool  # 84 bytes before each layer's data: its table entry once more, and motion settings
 
 
-def recognises(head: bytes) -> bool:
-    """One of the plain magic numbers."""
-    return len(head) >= 4 and struct.unpack_from("<I", head)[0] in (PHOTON, CTB, CTB_V4)
-
-
-def read(path: Path, hints: Hints) -> LayerStack:
+def read(probe: Probe, hints: Hints) -> LayerStack:
     """The layers of a job. Raises InputError for headers and tables that point outside the file or make no sense."""
+    path = probe.path
     with reading(path), path.open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     header = _header(path, data)

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 from layerfix.errors import InputError
 from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
-from layerfix.formats.jobs.zips import Archive
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from layerfix.formats.options import Hints
+    from layerfix.formats.probe import Probe
     from layerfix.stack import LayerStack
 
 SUFFIXES = (".zip",)
@@ -25,13 +25,9 @@ LARGEST_GCODE = 256 << 20
 LAYER = re.compile(r"[0-9]+\.png")
 
 
-def recognises(archive: Archive) -> bool:
-    """A run.gcode at the top."""
-    return GCODE in archive
-
-
-def read(archive: Archive, hints: Hints) -> LayerStack:
+def read(probe: Probe, hints: Hints) -> LayerStack:
     """The layers of a job. Raises InputError if neither file nor options say pitch and layer height."""
+    archive = probe.archive
     gcode = archive.read(GCODE, LARGEST_GCODE)
     values = _comments(gcode)
     names = sorted((n for n in archive.entries if LAYER.fullmatch(n)), key=lambda n: int(n[:-4]))

@@ -19,6 +19,7 @@ from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from layerfix.formats.options import Hints
+    from layerfix.formats.probe import Probe
     from layerfix.stack import LayerStack
 
 SUFFIXES = (".cws",)
@@ -27,17 +28,13 @@ LAYER = re.compile(r".*[0-9]+\.png", re.IGNORECASE)
 RGB = 2
 
 
-def recognises(archive: Archive) -> bool:
-    """A slice.conf at the top."""
-    return _conf_name(archive) is not None
-
-
 def _conf_name(archive: Archive) -> str | None:
     return next((name for name in archive.entries if name.lower() == CONF), None)
 
 
-def read(archive: Archive, hints: Hints) -> LayerStack:
+def read(probe: Probe, hints: Hints) -> LayerStack:
     """The layers of a job. Raises InputError if neither file nor options say pitch and layer height."""
+    archive = probe.archive
     values = _conf(archive.text(_conf_name(archive) or CONF))
     names = sorted((n for n in archive.entries if LAYER.fullmatch(n)), key=numeric_order)
     width, height, colour = check_layers(archive, names, (0, RGB))

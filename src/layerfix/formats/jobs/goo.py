@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Image, Rows
     from layerfix.formats.options import Hints, WriteOptions
+    from layerfix.formats.probe import Probe
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
 
@@ -51,13 +52,9 @@ TYPICAL_LIFT_MM, TYPICAL_LIFT_MM_MIN, TYPICAL_RETRACT_MM_MIN = 7.0, 80.0, 180.0
 TYPICAL_DENSITY_G_ML = 1.1
 
 
-def recognises(head: bytes) -> bool:
-    """The magic tag after the version."""
-    return head[4:12] == MAGIC
-
-
-def read(path: Path, hints: Hints) -> LayerStack:
+def read(probe: Probe, hints: Hints) -> LayerStack:
     """The layers of a job. Raises InputError for headers and layers that make no sense."""
+    path = probe.path
     with reading(path), path.open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     if len(data) < HEADER_BYTES:

@@ -26,6 +26,7 @@ from layerfix.stack import layer_bounds_mm
 if TYPE_CHECKING:
     from layerfix.bits import Image
     from layerfix.formats.options import Hints
+    from layerfix.formats.probe import Probe
     from layerfix.stack import LayerStack
 
 SUFFIXES = (".nanodlp", ".zip")
@@ -35,13 +36,9 @@ RGB = 2
 LARGEST_INFO = 256 << 20
 
 
-def recognises(archive: Archive) -> bool:
-    """A plate.json beside a profile.json or slicer.json."""
-    return PLATE in archive and (SLICER in archive or PROFILE in archive)
-
-
-def read(archive: Archive, hints: Hints) -> LayerStack:
+def read(probe: Probe, hints: Hints) -> LayerStack:
     """The layers of a plate. Raises InputError if neither file nor options say pitch and layer height."""
+    archive = probe.archive
     slicer, profile = _json(archive, SLICER), _json(archive, PROFILE)
     plate = archive.read(PLATE)
     names = sorted((n for n in archive.entries if LAYER.fullmatch(n)), key=lambda n: int(n[:-4]))

@@ -22,13 +22,13 @@ from layerfix.formats.encoding import checked_printer, encoded
 from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
-from layerfix.formats.jobs.zips import Archive
 from layerfix.formats.png.encode import encode_png
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from layerfix.bits import Image
     from layerfix.formats.options import Hints, WriteOptions
+    from layerfix.formats.probe import Probe
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
 
@@ -38,11 +38,6 @@ THUMBNAILS = ((400, 400), (800, 480))
 SECONDS_BETWEEN_LAYERS = 6.0  # tilting, roughly; the firmware makes its own estimate
 # Panels of the three printers by image size, for jobs without prusaslicer.ini.
 PITCH_BY_SIZE = {(1440, 2560): 0.04725, (1620, 2560): 0.05}
-
-
-def recognises(archive: Archive) -> bool:
-    """A config.ini that names a jobDir."""
-    return CONFIG in archive and "jobDir" in parse_ini(archive.text(CONFIG))
 
 
 def parse_ini(text: str) -> dict[str, str]:
@@ -55,8 +50,9 @@ def parse_ini(text: str) -> dict[str, str]:
     return found
 
 
-def read(archive: Archive, hints: Hints) -> LayerStack:
+def read(probe: Probe, hints: Hints) -> LayerStack:
     """The layers of a job. Raises InputError for a missing layer height, no layers, and what is no 8-bit grey."""
+    archive = probe.archive
     config = parse_ini(archive.text(CONFIG))
     job = config["jobDir"]  # "thumb", say: the previews are in a folder, layers are not
     names = sorted(n for n in archive.entries

@@ -17,16 +17,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from layerfix.errors import InputError
+from layerfix.errors import InputError, OutputError
 from layerfix.files import A_LONG_TIME_AGO, reading, whole_file, whole_folder
 from layerfix.formats.encoding import encoded
-from layerfix.formats.jobs.zips import Archive
 from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.encode import SIGNATURE, encode_png
 from layerfix.stack import Layer, LayerStack, layer_bounds_mm, layer_maker
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import Hints, WriteOptions
+    from layerfix.formats.options import Hints, PngOptions
+    from layerfix.formats.probe import Probe
 
 TEXT_KEY = "layerfix"
 LARGEST_IMAGE = 1 << 30  # bytes of one PNG file
@@ -63,8 +63,9 @@ def _is_layer(name: str) -> bool:
     return name.lower().endswith(".png") and not PurePosixPath(name).name.startswith("._")
 
 
-def read_folder(path: Path, hints: Hints) -> LayerStack:
+def read_folder(probe: Probe, hints: Hints) -> LayerStack:
     """Every ``.png`` directly in the folder, as a stack that decodes when asked."""
+    path = probe.path
     with reading(path):
         names = sorted((p.name for p in path.iterdir() if _is_layer(p.name) and p.is_file()), key=numeric_order)
 
@@ -75,8 +76,9 @@ def read_folder(path: Path, hints: Hints) -> LayerStack:
     return _stack(Source(str(path), names, read, lambda name: read(name, HEAD_BYTES)), hints)
 
 
-def read_zip(archive: Archive, hints: Hints) -> LayerStack:
+def read_zip(probe: Probe, hints: Hints) -> LayerStack:
     """Every ``.png`` entry of the zip, as a stack that decodes when asked."""
+    archive = probe.archive
     names = sorted((n for n in archive.entries if _is_layer(n)), key=numeric_order)
     return _stack(
         Source(
@@ -87,6 +89,17 @@ def read_zip(archive: Archive, hints: Hints) -> LayerStack:
         ),
         hints,
     )
+
+
+def read_image(probe: Probe, hints: Hints) -> LayerStack:
+    """A single PNG file, as a stack of one layer."""
+    path = probe.path
+
+    def read(name: str, size: int = -1) -> bytes:
+        with reading(path), path.open("rb") as file:
+            return file.read(size)
+
+    return _stack(Source(str(path.parent), [path.name], read, lambda name: read(name, HEAD_BYTES)), hints)
 
 
 def _stack(source: Source, hints: Hints) -> LayerStack:
@@ -185,7 +198,7 @@ def layer_name(index: int) -> str:
     return f"{index:05}.png"
 
 
-def write_folder(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+def write_folder(path: Path, stack: LayerStack, options: PngOptions) -> None:
     """One PNG a layer into a new folder."""
     images = encoded(stack, _encoder(stack, options.bits), options.watch, once=False)
     with whole_folder(path, force=options.force) as folder:
@@ -193,7 +206,19 @@ def write_folder(path: Path, stack: LayerStack, options: WriteOptions) -> None:
             (folder / layer_name(index)).write_bytes(data)
 
 
-def write_zip(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+def write_image(path: Path, stack: LayerStack, options: PngOptions) -> None:
+    """The only layer of a stack as one PNG file. Raises OutputError for a stack of several."""
+    if len(stack) != 1:
+        raise OutputError(
+            f"{path}: one PNG image holds one layer, not {len(stack)}; write a folder or a .zip, or one layer of them"
+            " (stack[3:4], --layers 3)"
+        )
+    (data,) = encoded(stack, _encoder(stack, options.bits), options.watch, once=False)
+    with whole_file(path, force=options.force) as file:
+        file.write(data)
+
+
+def write_zip(path: Path, stack: LayerStack, options: PngOptions) -> None:
     """One PNG a layer into a zip, stored: a PNG does not shrink again."""
     images = encoded(stack, _encoder(stack, options.bits), options.watch, once=False)
     with whole_file(path, force=options.force) as file, zipfile.ZipFile(file, "w") as archive:

@@ -10,20 +10,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from layerfix.errors import OutputError
 from layerfix.files import whole_file
 from layerfix.formats.solid.package_3mf import write_3mf
-from layerfix.mesh.triangles import stl_header, stl_triangles
+from layerfix.mesh.triangles import save_stl, stl_header, stl_triangles
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import WriteOptions
+    from layerfix.formats.options import OutlineOptions, WriteOptions
+    from layerfix.mesh.triangles import Mesh
     from layerfix.outlines.slabs import Slab
     from layerfix.stack import LayerStack
 
 MAX_STL_TRIANGLES = 2**32 - 1
 
 
-def write_stl(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+def write_stl(path: Path, stack: LayerStack, options: OutlineOptions) -> None:
     """Binary STL, triangle by triangle as the layers come."""
     count = 0
     with whole_file(path, force=options.force) as file:
@@ -37,13 +40,23 @@ def write_stl(path: Path, stack: LayerStack, options: WriteOptions) -> None:
         file.write(stl_header("corrected by layerfix", count))
 
 
-def write_model_3mf(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+def write_model_3mf(path: Path, stack: LayerStack, options: OutlineOptions) -> None:
     """3MF, one object; a printer's slicer places it where the part was."""
     parts = ((slab.vertices, slab.faces) for slab in _watched(path, stack, options))
     write_3mf(path, parts, force=options.force)
 
 
-def _watched(path: Path, stack: LayerStack, options: WriteOptions) -> Iterator[Slab]:
+def write_mesh_stl(path: Path, mesh: Mesh, options: WriteOptions) -> None:
+    """A mesh as it is, binary STL."""
+    save_stl(path, mesh, force=options.force)
+
+
+def write_mesh_3mf(path: Path, mesh: Mesh, options: WriteOptions) -> None:
+    """A mesh as it is, at its place."""
+    write_3mf(path, [(mesh.vertices, mesh.faces.astype(np.int64))], force=options.force)
+
+
+def _watched(path: Path, stack: LayerStack, options: OutlineOptions) -> Iterator[Slab]:
     """The slabs of the stack. Raises OutputError if every layer is empty."""
     from layerfix.outlines.contours import trace_contours
     from layerfix.outlines.slabs import slabs

@@ -21,10 +21,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from layerfix.errors import OutputError
 from layerfix.files import whole_file
 from layerfix.formats.solid.package_3mf import write_3mf
 
 if TYPE_CHECKING:
+    from layerfix.fdm.width_plan import WidthPlan
+    from layerfix.formats.options import WidthModelOptions, WriteOptions
     from layerfix.layers.widths import Widths
     from layerfix.mesh.triangles import Mesh
 
@@ -45,12 +48,16 @@ ORCA_KEYS = (
 SLICERS = ("prusa", "orca")
 
 
-def write_width_3mf(
-    path: Path, mesh: Mesh, widths: Widths, *, slicer: str, bed_mm: tuple[float, ...] | None, force: bool
-) -> None:
-    """The part in the middle of the bed, with one range of settings for each stretch of one width."""
+def write_width_3mf(path: Path, plan: WidthPlan, options: WidthModelOptions) -> None:
+    """The part in the middle of the bed, with one range of settings for each stretch of one width.
+
+    Raises OutputError for a slicer that is not one of SLICERS.
+    """
+    slicer, mesh, widths = options.slicer, plan.part, plan.chosen
+    if slicer not in SLICERS:
+        raise OutputError(f"{path}: slicer '{slicer}' is not known; choose from {', '.join(SLICERS)}")
     low, high = mesh.bounds_mm
-    middle = np.array(bed_mm[:2] if bed_mm else (100.0, 100.0)) / 2 - (low[:2] + high[:2]) / 2
+    middle = np.array(plan.printer.build_mm[:2]) / 2 - (low[:2] + high[:2]) / 2
     place = float(middle[0]), float(middle[1]), float(-low[2])
     ranges = _ranges_xml(widths, PRUSA_KEYS if slicer == "prusa" else ORCA_KEYS)
     settings = {"ensure_vertical_shell_thickness": "1" if slicer == "prusa" else "ensure_all"}
@@ -64,9 +71,8 @@ def write_width_3mf(
             "Metadata/model_settings.config": _object_xml(mesh, settings, ""),
         },
     }[slicer]
-    write_3mf(
-        path, [(mesh.vertices, mesh.faces.astype(np.int64))], force=force, place_mm=place, attachments=attachments
-    )
+    parts = [(mesh.vertices, mesh.faces.astype(np.int64))]
+    write_3mf(path, parts, force=options.force, place_mm=place, attachments=attachments)
 
 
 def _ranges_xml(widths: Widths, keys: tuple[str, ...]) -> str:
@@ -114,17 +120,27 @@ def table(suggested: Widths, chosen: Widths) -> list[dict[str, Any]]:
     ]
 
 
-def write_csv(path: Path, rows: list[dict[str, Any]], *, force: bool) -> None:
+def write_csv(path: Path, plan: WidthPlan, options: WriteOptions) -> None:
     """The table with a line of names."""
+    rows = table(plan.suggested, plan.chosen)
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows({k: int(v) if isinstance(v, bool) else v for k, v in row.items()} for row in rows)
-    with whole_file(path, force=force) as file:
+    with whole_file(path, force=options.force) as file:
         file.write(text.getvalue().encode())
 
 
-def write_json(path: Path, rows: list[dict[str, Any]], summary: dict[str, Any], *, force: bool) -> None:
+def write_json(path: Path, plan: WidthPlan, options: WriteOptions) -> None:
     """The summary, and the table under "table"."""
-    with whole_file(path, force=force) as file:
-        file.write((json.dumps({**summary, "table": rows}, indent=1) + "\n").encode())
+    rows = table(plan.suggested, plan.chosen)
+    with whole_file(path, force=options.force) as file:
+        file.write((json.dumps({**plan.summary, "table": rows}, indent=1) + "\n").encode())
+
+
+def draw_width_plan(path: Path, plan: WidthPlan, options: WriteOptions) -> None:
+    """Widths by height beside the part's silhouette, .png or .svg."""
+    from layerfix.draw.plots import draw_widths
+
+    title = f"{plan.part.name}: extrusion widths for {plan.printer.title}"
+    draw_widths(plan.stack, plan.suggested, plan.chosen, title=title).save(path, force=options.force)

@@ -21,7 +21,7 @@ from layerfix.formats.vector.polygons import number, outlined
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from layerfix.formats.options import WriteOptions
+    from layerfix.formats.options import CliOptions
     from layerfix.formats.vector.polygons import Polygon, Ring
     from layerfix.stack import LayerStack
 
@@ -33,7 +33,7 @@ PART = 1  # the id that the label declares
 GAP_MM = 1e-6  # less is none
 
 
-def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+def write(path: Path, stack: LayerStack, options: CliOptions) -> None:
     """All layers into a binary file, or a readable one with `options.ascii`."""
     start_layer = _ascii_layer if options.ascii else _binary_layer
     polyline = _ascii_polyline if options.ascii else _binary_polyline

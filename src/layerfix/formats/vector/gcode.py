@@ -17,7 +17,7 @@ import numpy as np
 
 from layerfix import __version__
 from layerfix.errors import InputError, OutputError
-from layerfix.fdm import LayerPaths, Path, settings_for
+from layerfix.fdm import LayerPaths, Path
 from layerfix.fdm.beads import SKIRT, section_mm2
 from layerfix.fdm.speeds import Speeds, written_time
 from layerfix.files import whole_file
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from layerfix.fdm import PathSettings
     from layerfix.fdm.toolpaths import Toolpaths
-    from layerfix.formats.options import WriteOptions
+    from layerfix.formats.options import GcodeOptions
     from layerfix.printers import Printer
     from layerfix.stack import LayerStack
 
@@ -143,7 +143,7 @@ class _Machine:
         self.at = points[-1]
 
 
-def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
+def write(path: FilePath, stack: LayerStack, options: GcodeOptions) -> None:
     """Plan the beads of a stack and write them for a printer.
 
     Raises OutputError without an FDM printer, and InputError for what `plan_toolpaths` refuses.
@@ -153,11 +153,11 @@ def write(path: FilePath, stack: LayerStack, options: WriteOptions) -> None:
     printer = options.printer
     if printer is None:
         raise OutputError(f"{path}: G-code needs the printer's nozzle, bed and speeds; give --printer")
-    settings = options.paths or settings_for(printer)
+    settings = options.settings()
     lowest = next((k for k, layer in enumerate(stack) if layer.rows.any()), None)
     if lowest is None:
         raise OutputError(f"{path}: every layer is empty, so there is nothing to print")
-    widths = None if options.width_mm is None else options.width_mm[lowest:]
+    widths = None if options.width_mm is None else np.broadcast_to(options.width_mm, len(stack))[lowest:]
     planned = plan_toolpaths(on_bed(stack, lowest), settings, width_mm=widths)
     machine = _Machine(printer, bed_offset_mm(stack, printer))
     no_room = False
@@ -235,7 +235,7 @@ def _without_skirt_off_the_bed(layer: LayerPaths, offset_mm: Floats, printer: Pr
     return replace(layer, paths=tuple(path for path in layer.paths if path.kind != SKIRT)), True
 
 
-def _tell(options: WriteOptions, used: _Used) -> None:
+def _tell(options: GcodeOptions, used: _Used) -> None:
     if options.tell is None:
         return
     options.tell(f"printing takes about {written_time(used.seconds)} and {used.filament_mm / 1000:.3g} m of filament")

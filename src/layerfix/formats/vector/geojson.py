@@ -17,12 +17,12 @@ from layerfix.files import whole_file
 from layerfix.formats.vector.polygons import DIGITS, outlined
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import WriteOptions
+    from layerfix.formats.options import OutlineOptions
     from layerfix.formats.vector.polygons import Polygon, Ring
     from layerfix.stack import LayerStack
 
 
-def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+def write(path: Path, stack: LayerStack, options: OutlineOptions) -> None:
     """All layers, one a line."""
     with whole_file(path, force=options.force) as file:
         file.write(b'{"type": "FeatureCollection", "units": "mm", "features": [')

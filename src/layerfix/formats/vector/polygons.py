@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from shapely import MultiPolygon
 
-    from layerfix.formats.options import WriteOptions
+    from layerfix.formats.options import OutlineOptions
     from layerfix.stack import LayerStack
 
     # A closed ring of x, y in mm; its first point is its last. A polygon is its outer ring, counter-clockwise,
@@ -27,7 +27,7 @@ DIGITS = 4  # of a mm: half a pixel of 19 µm is still exact
 
 
 def outlined(
-    stack: LayerStack, options: WriteOptions, encode: Callable[[list[Polygon]], Data]
+    stack: LayerStack, options: OutlineOptions, encode: Callable[[list[Polygon]], Data]
 ) -> Iterator[tuple[tuple[float, float], Data]]:
     """Each layer's (bottom, top) in mm and `encode` of its polygons, which the stack's threads make.
 

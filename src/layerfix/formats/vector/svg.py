@@ -17,14 +17,14 @@ from layerfix.files import whole_file
 from layerfix.formats.vector.polygons import number, outlined
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import WriteOptions
+    from layerfix.formats.options import OutlineOptions
     from layerfix.formats.vector.polygons import Polygon, Ring
     from layerfix.stack import LayerStack
 
 LOWEST, HIGHEST = np.array([18, 36, 66]), np.array([158, 202, 238])  # red, green, blue
 
 
-def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
+def write(path: Path, stack: LayerStack, options: OutlineOptions) -> None:
     """All layers into one drawing the size of the frame; `stack[5:6]` is the picture of layer 5."""
     with whole_file(path, force=options.force) as file:
         file.write(_start(stack).encode())

@@ -1,0 +1,68 @@
+"""Values as people write them on the command line: lengths with units, pitches, ranges, shares."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from layerfix.errors import InputError
+from layerfix.units import parse_length_mm
+
+
+class Length(click.ParamType[float]):
+    """A length with a unit, in mm."""
+
+    name = "length"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            return parse_length_mm(value)
+        except InputError as problem:
+            self.fail(str(problem), param, ctx)
+
+
+class Pitch(click.ParamType[tuple[float, float]]):
+    """One length, or two with an x between them: ``19umx24um``."""
+
+    name = "pitch"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        parts = str(value).lower().replace("×", "x").split("x")
+        if len(parts) > 2:
+            self.fail(f"'{value}' is not a pitch: write 50um, or 19umx24um", param, ctx)
+        sizes = [Length().convert(part, param, ctx) for part in parts]
+        return sizes[0], sizes[-1]
+
+
+class Range(click.ParamType[tuple[int, int]]):
+    """Layers, counted from 0: ``12`` is one, ``10:20`` are ten."""
+
+    name = "range"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        first, colon, stop = str(value).partition(":")
+        try:
+            found = int(first or 0), (int(stop) if stop else 1 << 30) if colon else int(first) + 1
+        except ValueError:
+            self.fail(f"'{value}' is not a range of layers: write 12, or 10:20", param, ctx)
+        if not 0 <= found[0] < found[1]:
+            self.fail(f"'{value}' holds no layer: they are counted from 0, and 10:20 ends before 20", param, ctx)
+        return found
+
+
+class Percent(click.ParamType[float]):
+    """``20%``, ``20`` or ``0.2``, as 0.2."""
+
+    name = "percent"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        text = str(value).strip()
+        try:
+            share = float(text.removesuffix("%"))
+            share /= 100 if text.endswith("%") or share > 1 else 1
+        except ValueError:
+            self.fail(f"'{value}' is not a share: write 20%, or 0.2", param, ctx)
+        if not 0 <= share <= 1:
+            self.fail(f"'{value}' is not between 0 % and 100 %: write 20%, or 0.2", param, ctx)
+        return share

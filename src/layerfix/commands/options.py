@@ -1,0 +1,113 @@
+"""What a user asks of a command: small values, each of which belongs to one step. None is "as the printer or the
+file says"; what is given and nothing takes is refused, by the name that the command line gives it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from layerfix.errors import InputError
+
+if TYPE_CHECKING:
+    from layerfix.fdm import PathSettings
+    from layerfix.layers.correction import Mode
+    from layerfix.mesh.slicing import Fill
+    from layerfix.printers import Printer
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Pixels and layers, of a mesh that is sliced, or of images that do not say."""
+
+    pixel_mm: tuple[float, float] | None = None
+    layer_mm: float | None = None
+    first_layer_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class Slicing:
+    """What only a mesh takes."""
+
+    fill: Fill | None = None
+    unit: str | None = None
+    scale: float | None = None
+
+
+@dataclass(frozen=True)
+class Greys:
+    """What only images and jobs take."""
+
+    threshold: int | None = None
+    grey_floor: int | None = None
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What is corrected, and how."""
+
+    min_feature_mm: float | None = None
+    mode: Mode | None = None
+
+
+@dataclass(frozen=True)
+class Run:
+    """How the work is done and where things go."""
+
+    workers: int = 0
+    force: bool = False
+    layers: tuple[int, int] | None = None
+    picture: Path | None = None
+
+
+@dataclass(frozen=True)
+class Options:
+    """All of it. output: what the writer of the target is told, by the names of `layerfix.formats.options`."""
+
+    printer: Printer | None = None
+    frame: Frame = Frame()
+    slicing: Slicing = Slicing()
+    greys: Greys = Greys()
+    correction: Correction = Correction()
+    run: Run = Run()
+    output: Mapping[str, Any] = field(default_factory=dict)
+
+    def path_settings(self) -> PathSettings | None:
+        """How G-code lays its beads: the printer's way with the user's changes; None without a nozzle."""
+        if self.printer is None or self.printer.nozzle_mm is None:
+            return None
+        from layerfix.fdm import settings_for
+
+        own = ("width_mm", "perimeters", "density", "seam", "skirt_loops")
+        changes = {name: self.output[name] for name in own if self.output.get(name) is not None}
+        if "width_mm" in changes:
+            changes["first_layer_width_mm"] = changes["width_mm"]
+        return replace(settings_for(self.printer), **changes)
+
+
+def options_of(printer: Printer | None, given: Mapping[str, Any]) -> Options:
+    """Options from what was given by name: each goes to the one that has a field for it, the rest to the writer."""
+    parts: dict[str, Any] = {}
+    left = {name: value for name, value in given.items() if value is not None}
+    for name, kind in PARTS.items():
+        own = {f.name: left.pop(f.name) for f in fields(kind) if f.name in left}
+        parts[name] = kind(**own)
+    return Options(printer, **parts, output=left)
+
+
+PARTS: dict[str, Any] = {"frame": Frame, "slicing": Slicing, "greys": Greys, "correction": Correction, "run": Run}
+# What the command line calls an option whose name does not say it.
+FLAGS = {"density": "--infill", "skirt_loops": "--skirt", "paths": ""}
+
+
+def flag(name: str) -> str:
+    """``--min-feature`` of ``min_feature_mm``."""
+    return FLAGS[name] if name in FLAGS else "--" + name.removesuffix("_mm").replace("_", "-")
+
+
+def refuse_given(part: object, why: str) -> None:
+    """Raises InputError if anything in `part` was given; why: where it would be taken instead."""
+    names = [f.name for f in fields(part) if getattr(part, f.name) is not None]  # type: ignore[arg-type]
+    if names:
+        raise InputError(f"{', '.join(map(flag, names))}: {why}")
