@@ -62,8 +62,7 @@ def find_format(path: str | Path) -> tuple[Format, Probe]:
     probe = Probe(path)
     found = next((row for row in recognising() if row.recognises is not None and row.recognises(probe)), None)
     if found is None:  # broken, perhaps: then the reader of what it is called says how
-        readers = (row for row in rows() if row.layers or row.mesh)
-        found = next((row for row in readers if probe.suffix and probe.suffix in row.suffixes), None)
+        found = next((row for row in rows() if row.by_name and probe.suffix in row.suffixes), None)
     if found is None:
         raise InputError(
             f"{path}: not a file that layerfix knows; it reads meshes ({suffixes('mesh')}), and layers from"
@@ -209,12 +208,8 @@ def check_options(
         for name in wrong
     )
     here = path.suffix or "a folder"
-    other = (
-        f"{here} takes {', '.join(filter(None, map(called, takes)))}"
-        if takes
-        else f"{here} takes no options of its own"
-    )
-    raise OutputError(f"{path}: {said}; {other}")
+    own = ", ".join(filter(None, map(called, takes))) or "no options of its own"
+    raise OutputError(f"{path}: {said}; {here} takes {own}")
 
 
 def _goes_with(name: str) -> str:

@@ -64,6 +64,7 @@ class Format:
     refusal     why it is recognised and not read, with {path} and {suffix}
     writers     by kind of value: "layers", "mesh", "widths" (`KINDS`)
     rewritten   a job that is corrected in place
+    by_name     a file of no known content that is called so is given to this reader, which says what is wrong
     generic     recognises what may be something more special, too; it is asked last
     """
 
@@ -75,6 +76,7 @@ class Format:
     refusal: str = ""
     writers: Mapping[str, Writer] = field(default_factory=dict)
     rewritten: bool = False
+    by_name: bool = False
     generic: bool = False
 
 
@@ -96,7 +98,10 @@ AS_LAYERS: dict[str, Callable[[Any], tuple[Any, dict[str, Any]]]] = {
 
 def _is_sl1(probe: Probe) -> bool:
     """A config.ini that names a jobDir."""
-    return "config.ini" in probe.entries and "jobDir" in probe.archive.text("config.ini")
+    if "config.ini" not in probe.entries:
+        return False
+    lines = probe.archive.text("config.ini").splitlines()
+    return any(line.partition("=")[0].strip() == "jobDir" and "=" in line for line in lines)
 
 
 def _is_nanodlp(probe: Probe) -> bool:
@@ -129,17 +134,18 @@ FORMATS = (
     Format("Anycubic's own jobs", (".pwsz",), lambda probe: starts(b"ANYCUBIC")(probe) or probe.suffix == ".pwsz",
            refusal=f"one of Anycubic's own formats, {UVTOOLS}"),
     Format("SL1, SL1S and M1 jobs (Prusa)", (".sl1", ".sl1s", ".m1"), _is_sl1, f"{_JOBS}.sl1:read",
-           writers={"layers": Writer(f"{_JOBS}.sl1:write")}, rewritten=True),
-    Format("NanoDLP plates", (".nanodlp",), _is_nanodlp, f"{_JOBS}.nanodlp:read", rewritten=True),
+           writers={"layers": Writer(f"{_JOBS}.sl1:write")}, rewritten=True, by_name=True),
+    Format("NanoDLP plates", (".nanodlp",), _is_nanodlp, f"{_JOBS}.nanodlp:read", rewritten=True,
+           by_name=True),
     Format("Chitubox zips (run.gcode)", (".zip",), is_zip_with("run.gcode"), f"{_JOBS}.chitubox_zip:read",
            rewritten=True),
-    Format("CWS jobs", (".cws",), is_zip_with("slice.conf"), f"{_JOBS}.cws:read", rewritten=True),
+    Format("CWS jobs", (".cws",), is_zip_with("slice.conf"), f"{_JOBS}.cws:read", rewritten=True, by_name=True),
     Format("3MF", (".3mf",), _is_3mf, mesh=_MESH,
            writers={"layers": Writer(f"{_MODEL}:write_model_3mf", OutlineOptions, _CONTOURS),
                     "mesh": Writer(f"{_MODEL}:write_mesh_3mf"),
-                    "widths": Writer(f"{_WIDTHS}:write_width_3mf", WidthModelOptions)}),
+                    "widths": Writer(f"{_WIDTHS}:write_width_3mf", WidthModelOptions)}, by_name=True),
     Format("zips of PNG images", (".zip",), is_zip, f"{_IMAGES}:read_zip",
-           writers={"layers": Writer(f"{_IMAGES}:write_zip", PngOptions)}, generic=True),
+           writers={"layers": Writer(f"{_IMAGES}:write_zip", PngOptions)}, by_name=True, generic=True),
     Format("PNG images", (".png",), starts(b"\x89PNG\r\n\x1a\n"), f"{_IMAGES}:read_image",
            writers={"layers": Writer(f"{_IMAGES}:write_image", PngOptions),
                     "widths": Writer(f"{_WIDTHS}:draw_width_plan")}),
