@@ -137,3 +137,17 @@ def test_every_public_name_has_a_docstring_when_used(name):
     text = getattr(layerfix, name).__doc__
     assert text
     assert not text.startswith(f"{name}(")
+
+
+def test_the_reference_is_that_of_the_docstrings():
+    """docs/python.md is what `python -m tests.reference` writes."""
+    from tests.reference import TARGET, reference
+
+    assert TARGET.read_text(encoding="utf-8") == reference(), "run python -m tests.reference"
+
+
+def test_dir_shows_the_public_names_alone():
+    """Nothing of what the module uses itself leaks."""
+    assert {name for name in dir(layerfix) if not name.startswith("__")} == set(layerfix.__all__)
+    code = "import layerfix; layerfix.pack; layerfix.LayerStack; print(*[n for n in dir(layerfix) if n[:2] != '__'])"
+    assert set(python(code).split()) == set(layerfix.__all__)
