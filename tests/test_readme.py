@@ -1,4 +1,4 @@
-"""Every example of the README runs."""
+"""Every example of the README and of the pages beside it runs."""
 
 import re
 import shlex
@@ -15,7 +15,9 @@ from tests.making import run_layerfix
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README, re.DOTALL)
+PAGES = [README, *(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md"))
+                   if page.name != "python.md")]  # fmt: skip
+BLOCKS = [block for page in PAGES for block in re.findall(r"```(\w+)\n(.*?)```", page, re.DOTALL)]
 COMMANDS = [
     line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines() if line.startswith("layerfix ")
 ]
@@ -73,5 +75,10 @@ def test_the_setup_commands_are_what_they_claim():
     lines = [line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines() if "venv" in line]
     assert lines[0].endswith("layerfix demo")
     assert lines[1].endswith("python -m pytest")
-    for picture in re.findall(r"\]\((docs/[^)]+)\)", README):
-        assert (ROOT / picture).is_file()
+
+
+def test_links_lead_somewhere():
+    """Pictures and pages that are named are there."""
+    for base, page in ((ROOT, PAGES[0]), *((ROOT / "docs", page) for page in PAGES[1:])):
+        for link in re.findall(r"\]\(((?!http)[^)#]+)\)", page):
+            assert (base / link).is_file(), link
