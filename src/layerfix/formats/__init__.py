@@ -12,7 +12,7 @@ from layerfix.formats.probe import Probe
 from layerfix.formats.table import AS_LAYERS, Format, Writer, function, kind_of, recognising, rows
 
 if TYPE_CHECKING:
-    from layerfix.formats.encoding import Watch
+    from layerfix.formats.options import Watch
     from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import LayerStack

@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, TypeVar
 from layerfix.errors import OutputError
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import WriteOptions
+    from layerfix.formats.options import Watch, WriteOptions
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
 
 Data = TypeVar("Data")
-# Told of each layer in order as it is written: its index, and the layer without its pixels.
-Watch = Callable[[int, "Layer"], None]
 
 
 def encoded(stack: LayerStack, encode: Callable[[Layer], Data], watch: Watch | None, *, once: bool) -> Iterator[Data]:

@@ -16,8 +16,11 @@ if TYPE_CHECKING:
 
     from layerfix.fdm import PathSettings
     from layerfix.fdm.settings import Seam
-    from layerfix.formats.encoding import Watch
     from layerfix.printers import Printer
+    from layerfix.stack import Layer
+
+    # Told of each layer in order as it is written: its index, and the layer without its pixels.
+    Watch = Callable[[int, Layer], None]
 
 
 @dataclass(frozen=True)
