@@ -30,8 +30,8 @@ def reference() -> str:
     if missing:
         raise ValueError(f"GROUPS and layerfix.__all__ differ in {', '.join(sorted(missing))}")
     parts = [
-        "# Python reference\n\nEvery public name of `layerfix`, from its docstring. `import layerfix` loads nothing but"
-        " itself; a name is loaded when it is first used. Lengths are in mm, angles in degrees, pixels in px.\n"
+        "# Python reference\n\nEvery public name of `layerfix`, from its docstring. `import layerfix` loads nothing"
+        " else; a name is loaded when it is first used. Lengths are in mm, angles in degrees.\n"
     ]
     for title, names in GROUPS.items():
         parts.append(f"## {title}\n")

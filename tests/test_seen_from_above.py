@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -127,6 +128,19 @@ def test_a_corrected_job_is_mirrored_again(tmp_path, make: Maker, panels_of, axe
     assert (expected != flipped(part() > 0, axes)).any()
     for panel in panels_of(target):
         assert np.array_equal(panel >= 128, expected)
+
+
+@every_job
+def test_a_pickled_job_is_read_again(tmp_path, make: Maker, panels_of, axes):
+    """The pickle holds the file's place, not its layers; the stack that comes out of it writes the same job."""
+    source = make(tmp_path, flipped(part(), axes), axes)
+    stack = lf.correct(lf.read(source, pixel_mm=0.05), min_feature_mm=0.3, mode="add_only")
+    pickled = pickle.dumps(stack)
+    assert len(pickled) < 4000
+    names = [tmp_path / f"{name}{source.suffix}" for name in ("one", "two")]
+    for name, one in zip(names, (stack, pickle.loads(pickled)), strict=True):
+        lf.write(name, one)
+    assert names[0].read_bytes() == names[1].read_bytes()
 
 
 @every_job

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 from layerfix.errors import InputError, OutputError
 from layerfix.formats.options import Hints, Own, WriteOptions, own_options
 from layerfix.formats.probe import Probe
+from layerfix.formats.reopening import reopened
 from layerfix.formats.table import AS_LAYERS, Format, Writer, function, kind_of, recognising, rows
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def read(
         raise InputError(f"{path}: a mesh; layers are cut from it: slice_mesh(load_mesh(…), …)")
     hints = Hints(printer, pitch, layer_mm, first_layer_mm, threshold, grey_floor)
     stack: LayerStack = function(found.layers)(probe, hints)
-    return stack
+    return reopened(stack, found.layers, probe.path, hints)
 
 
 def find_format(path: str | Path) -> tuple[Format, Probe]:

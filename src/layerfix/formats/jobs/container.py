@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -57,6 +57,7 @@ class Container:
     encode        rows, or a grey image → payload, like the original one (given for its parameters)
     mirror        axes along which its images are mirrored against the part seen from above; layers are un-mirrored
                   where they become a stack and mirrored again in `rewrite`, and nothing in between knows of panels
+    source        the file as `reopening.Reopened`: what is pickled
     save          write the job with some payloads replaced: (target, payload by layer index, totals)
     """
 
@@ -69,6 +70,10 @@ class Container:
     threshold: int
     grey_floor: int
     mirror: str = ""
+    source: Any = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _container, (self.source,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +84,12 @@ class _Source:
     payload: bytes
     rows: Rows
     grey: NDArray[np.uint8] | None
+
+
+def _container(source: Any) -> Container:
+    """The container of a file that is read once more."""
+    container: Container = source.stack.container
+    return replace(container, source=source)
 
 
 class Spool:
