@@ -22,6 +22,7 @@ from PIL import Image
 import layerfix
 from layerfix import correct, load_mesh, load_printer, read, slice_mesh
 from layerfix.commands.fix import Summary
+from layerfix.formats.table import FORMATS
 from layerfix.printers import printer_names
 from tests.making import (
     Run,
@@ -344,7 +345,9 @@ def test_the_help_of_fix_names_every_option_and_format():
     """Options, defaults, the formats in and out, and examples that can be copied."""
     out = succeeds(run_layerfix("fix", "--help"))
     options = "printer pixel layer first-layer min-feature mode fill unit bits picture workers force json"
-    formats = [".stl .obj .ply .off .3mf .glb", ".zip"]
+    formats = [
+        suffix for row in FORMATS if row.layers or row.mesh or "layers" in row.writers for suffix in row.suffixes
+    ]
     for word in [*(f"--{option}" for option in options.split()), *formats, "layerfix fix part"]:
         assert word in out
 

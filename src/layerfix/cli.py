@@ -111,9 +111,10 @@ JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary a
 def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given: Any) -> None:
     """Correct IN and write the layers to OUT.
 
-    IN is a mesh, a resin job, or PNG images in a folder or zip. OUT is a job of the same kind as IN; a new .sl1,
-    .sl1s or .goo; a folder (no suffix) or .zip of PNG images; .gcode; a .3mf or .stl mesh of the corrected layers
-    for any slicer; or their outlines as .svg, .geojson or .cli. `layerfix formats` lists them all.
+    IN is a mesh (.stl .obj .ply .off .3mf .glb .gltf), a resin job (.sl1 .sl1s .m1 .goo .ctb .photon .cbddlp
+    .nanodlp .cws, Chitubox .zip), or PNG images (a folder, .zip or .png). OUT is a job of the same kind as IN; a
+    new .sl1, .sl1s or .goo; a folder (no suffix) or .zip of PNG images; .gcode; a .3mf or .stl mesh of the
+    corrected layers for any slicer; or their outlines as .svg, .geojson or .cli. `layerfix formats` lists them all.
 
     \b
     Examples:

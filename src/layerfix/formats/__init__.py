@@ -10,7 +10,7 @@ from layerfix.errors import InputError, OutputError
 from layerfix.formats.options import Hints, Own, WriteOptions, own_options
 from layerfix.formats.probe import Probe
 from layerfix.formats.reopening import reopened
-from layerfix.formats.table import AS_LAYERS, Format, Writer, function, kind_of, recognising, rows
+from layerfix.formats.table import AS_LAYERS, FORMATS, Format, Writer, function, kind_of, recognising, rows
 
 if TYPE_CHECKING:
     from layerfix.formats.options import Watch
@@ -61,6 +61,8 @@ def find_format(path: str | Path) -> tuple[Format, Probe]:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     probe = Probe(path)
+    if probe.is_folder and any(probe.suffix in row.suffixes for row in FORMATS if row.mesh):
+        raise InputError(f"{path}: is a folder; a mesh is a file")
     found = next((row for row in recognising() if row.recognises is not None and row.recognises(probe)), None)
     if found is None:  # broken, perhaps: then the reader of what it is called says how
         found = next((row for row in rows() if row.by_name and probe.suffix in row.suffixes), None)
