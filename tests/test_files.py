@@ -8,15 +8,33 @@ import re
 import shutil
 import stat
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from layerfix import slice_mesh, write
+from layerfix import files, slice_mesh, write
 from layerfix.errors import InputError, OutputError
-from layerfix.files import check_target, whole_file, whole_folder
-from tests.making import contents, run_layerfix, run_without_override, sphere, start_layerfix, thin_part, write_stl
+from layerfix.files import (
+    already_written,
+    check_apart,
+    check_input,
+    check_target,
+    unfit_for_windows,
+    whole_file,
+    whole_folder,
+)
+from tests.making import (
+    contents,
+    environment,
+    run_layerfix,
+    run_without_override,
+    sphere,
+    start_layerfix,
+    thin_part,
+    write_stl,
+)
 
 FIX = ("--pixel", "50um", "--layer", "0.1mm", "--min-feature", "0.4mm")
 # Fails within the block, in the ways it can: our own error, the system's, Ctrl-C, and one nobody thought of.
@@ -133,24 +151,45 @@ def test_a_file_is_not_written_over_a_folder_nor_a_folder_over_a_file(tmp_path):
     assert contents(tmp_path) == before
 
 
-def test_a_symlink_is_replaced_and_what_it_points_to_is_kept(tmp_path):
-    """A link counts as existing; by force the link goes, not the file or folder behind it."""
-    (tmp_path / "real.zip").write_text("mine")
-    write_folder(tmp_path / "real", "mine.png")
-    (tmp_path / "out.zip").symlink_to("real.zip")
-    (tmp_path / "out").symlink_to("real")
+def test_through_a_link_what_it_points_to_is_written(tmp_path):
+    """A link counts as existing; by force it stays, and the file or folder behind it is the new one."""
+    place = tmp_path / "elsewhere"
+    place.mkdir()
+    (place / "real.zip").write_text("mine")
+    write_folder(place / "real", "mine.png")
+    (tmp_path / "out.zip").symlink_to("elsewhere/real.zip")
+    (tmp_path / "out").symlink_to("elsewhere/real")
     for call in (
         lambda **k: write_file(tmp_path / "out.zip", b"new", **k),
-        lambda **k: write_folder(tmp_path / "out", **k),
+        lambda **k: write_folder(tmp_path / "out", "new.png", **k),
     ):
         with pytest.raises(OutputError, match="exists already"):
             call()
         call(force=True)
-    assert (tmp_path / "real.zip").read_text() == "mine"
-    assert (tmp_path / "real" / "mine.png").exists()
-    assert not (tmp_path / "out.zip").is_symlink()
-    assert not (tmp_path / "out").is_symlink()
-    assert not [name for name in contents(tmp_path) if name.startswith(".")]
+    assert contents(place) == {"real.zip": b"new", "real": None, "real/new.png": b"new.png"}
+    assert os.readlink(tmp_path / "out.zip") == "elsewhere/real.zip"
+    assert os.readlink(tmp_path / "out") == "elsewhere/real"
+    assert set(os.listdir(tmp_path)) == {"elsewhere", "out.zip", "out"}
+
+
+def test_through_a_link_to_nowhere_by_force(tmp_path):
+    """The file that the link waits for is made; a link that leads to itself is refused."""
+    (tmp_path / "out.zip").symlink_to("later.zip")
+    write_file(tmp_path / "out.zip", b"new", force=True)
+    assert (tmp_path / "later.zip").read_bytes() == b"new"
+    assert (tmp_path / "out.zip").is_symlink()
+    (tmp_path / "loop.zip").symlink_to("loop.zip")
+    with pytest.raises(OutputError, match=r"loop\.zip: is a link that leads nowhere"):
+        write_file(tmp_path / "loop.zip", b"new", force=True)
+    assert (tmp_path / "loop.zip").is_symlink()
+
+
+def test_the_input_behind_a_link_is_never_written_to(tmp_path):
+    """A target that is a link into the input folder is inside the input."""
+    (tmp_path / "layers").mkdir()
+    (tmp_path / "out").symlink_to("layers/new")
+    with pytest.raises(OutputError, match="out: is inside the input"):
+        check_apart(tmp_path / "out", tmp_path / "layers")
 
 
 def test_a_link_to_nowhere_counts_as_existing(tmp_path):
@@ -185,10 +224,16 @@ def test_permissions_are_those_of_a_new_file(tmp_path):
         os.umask(mask)
 
 
+@pytest.fixture
+def no_exchange(monkeypatch):
+    """A system that cannot swap two folders in one step."""
+    monkeypatch.setattr(files, "_exchanged", lambda one, other: False)
+
+
 @pytest.mark.parametrize("error", [OSError(5, "Input/output error"), KeyboardInterrupt()], ids=["error", "Ctrl-C"])
 @pytest.mark.parametrize("moment", ["before", "after"])
 @pytest.mark.parametrize("which", [1, 2])
-def test_an_interrupted_replacement_costs_neither_folder(tmp_path, monkeypatch, which, moment, error):
+def test_an_interrupted_replacement_costs_neither_folder(tmp_path, monkeypatch, no_exchange, which, moment, error):
     """Replacing a folder is two renames. Stopped before or right after either of them, one of the two folders is
     there, whole: Python raises Ctrl-C as soon as the system call that it came during is done.
     """
@@ -212,7 +257,7 @@ def test_an_interrupted_replacement_costs_neither_folder(tmp_path, monkeypatch, 
     assert contents(tmp_path) in ([old, new] if (which, moment) == (2, "after") else [old])
 
 
-def test_nothing_is_left_if_the_old_folder_cannot_be_moved(tmp_path, monkeypatch):
+def test_nothing_is_left_if_the_old_folder_cannot_be_moved(tmp_path, monkeypatch, no_exchange):
     """The first of the two renames fails: the old folder stays, and no helper folder remains beside it."""
     write_folder(tmp_path / "out", "old.png")
     before = contents(tmp_path)
@@ -227,6 +272,204 @@ def test_nothing_is_left_if_the_old_folder_cannot_be_moved(tmp_path, monkeypatch
     with pytest.raises(OutputError, match="busy"):
         write_folder(tmp_path / "out", "new.png", force=True)
     assert contents(tmp_path) == before
+
+
+# Kills itself, with no chance to clear away, right after the first rename of a folder that replaces another.
+KILLED_BETWEEN = """
+import os, signal, sys
+from pathlib import Path
+from layerfix import files
+
+rename = os.replace
+
+def once(source, target):
+    rename(source, target)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+if sys.argv[2] == "in two steps":
+    files._exchanged = lambda one, other: False
+os.replace = once
+with files.whole_folder(Path(sys.argv[1]), force=True) as folder:
+    (folder / "new.png").write_bytes(b"new")
+if sys.argv[2] == "in one step":
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def killed_while_replacing(folder: Path, how: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED_BETWEEN, str(folder), how], env=environment(), capture_output=True, check=False
+    )
+    assert done.returncode == -9, done.stderr
+
+
+@pytest.mark.parametrize("name", ["out", "o" * 255, "ö" * 127])
+def test_a_folder_lost_between_two_renames_is_put_back_by_the_next_run(tmp_path, name):
+    """After the kill the target is gone; the next look at it, even one without force, finds it where it was."""
+    write_folder(tmp_path / name, "old.png")
+    write_folder(tmp_path / f"{name[:5]}.other", "1.png")
+    before = contents(tmp_path)
+    killed_while_replacing(tmp_path / name, "in two steps")
+    assert not (tmp_path / name).exists()
+    with pytest.raises(OutputError, match="exists already and is not empty"):
+        check_target(tmp_path / name, force=False)
+    assert {k: v for k, v in contents(tmp_path).items() if not k.startswith(".")} == before
+    assert not list(tmp_path.glob(".*.old"))
+    write_folder(tmp_path / name, "newer.png", force=True)
+    assert os.listdir(tmp_path / name) == ["newer.png"]
+
+
+def test_what_another_target_lost_is_left_to_it(tmp_path):
+    """`out` and `out.b`: a helper folder of the one is not taken for the other's."""
+    write_folder(tmp_path / "out.b", "old.png")
+    killed_while_replacing(tmp_path / "out.b", "in two steps")
+    check_target(tmp_path / "out", force=False)
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(OutputError, match="exists already"):
+        check_target(tmp_path / "out.b", force=False)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="renameat2 is Linux's")
+def test_a_folder_is_replaced_in_one_step_where_the_system_can(tmp_path, monkeypatch):
+    """No moment without the target: nothing is renamed but by the exchange, and a kill right after costs nothing."""
+    write_folder(tmp_path / "out", "old.png")
+    if not files._exchanged(tmp_path / "out", tmp_path / "out"):
+        pytest.skip("this file system cannot exchange")
+    monkeypatch.setattr(os, "replace", lambda *paths: pytest.fail("renamed"))
+    write_folder(tmp_path / "out", "new.png", force=True)
+    assert contents(tmp_path) == {"out": None, "out/new.png": b"new.png"}
+    monkeypatch.undo()
+    killed_while_replacing(tmp_path / "out", "in one step")
+    assert contents(tmp_path)["out/new.png"] == b"new"
+
+
+@pytest.mark.parametrize("letter", ["x", "ö", "☃"])
+@pytest.mark.parametrize("size", range(249, 256))
+def test_names_as_long_as_the_file_system_takes(tmp_path, letter, size):
+    """The temporary beside it is no longer than it: every name that fits can be written, replaced and no more."""
+    for suffix in (".zip", ""):
+        room = size - len(suffix)
+        name = letter * (room // len(letter.encode())) + "x" * (room % len(letter.encode())) + suffix
+        assert len(name.encode()) == size
+        for force in (False, True):
+            (write_file(tmp_path / name, b"1", force=force) if suffix else
+             write_folder(tmp_path / name, "1.png", force=force))  # fmt: skip
+        assert (tmp_path / name).exists()
+    assert len(os.listdir(tmp_path)) == 2
+
+
+@pytest.mark.parametrize("name", ["x" * 256, "x" * 252 + ".zip", "ö" * 128, "x" * 5000])
+def test_longer_names_are_refused_before_any_work(tmp_path, name):
+    """With the name's length and what would do, not after the last layer."""
+    with pytest.raises(OutputError, match=rf"the name has {len(name.encode())} bytes; file systems take 255"):
+        check_target(tmp_path / name, force=True)
+
+
+def test_what_is_written_is_on_the_disk_before_it_takes_its_place(tmp_path, monkeypatch):
+    """A power cut after the rename must not show an empty file: sync first, then rename, then the folder."""
+    calls: list[str] = []
+    for module, name in ((os, "fsync"), (os, "replace"), (files, "_sync_all"), (files, "_exchanged")):
+        real = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *a, _real=real, _name=name: (calls.append(_name), _real(*a))[1])
+    write_file(tmp_path / "out.zip", b"1")
+    assert calls == ["fsync", "replace", "fsync"]
+    calls.clear()
+    write_folder(tmp_path / "out", "1.png")
+    assert calls == ["_sync_all", "replace", "fsync"]
+    calls.clear()
+    write_folder(tmp_path / "out", "2.png", force=True)
+    assert calls[:2] == ["_sync_all", "_exchanged"]
+    assert calls[-1] == "fsync"
+
+
+def test_every_file_is_synced_where_the_whole_disk_cannot_be(tmp_path, monkeypatch):
+    """Without syncfs: one by one, also in folders within."""
+    (tmp_path / "in").mkdir()
+    for name in ("1.png", "in/2.png"):
+        (tmp_path / name).write_bytes(b"x")
+    synced: list[str] = []
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.readlink(f"/proc/self/fd/{handle}")))
+    files._sync_all(tmp_path)
+    assert sorted(synced) == [str(tmp_path / "1.png"), str(tmp_path / "in/2.png")]
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_an_output_that_another_program_holds_open_says_so(tmp_path, monkeypatch, no_exchange, kind):
+    """As on Windows, where the rename is refused: what is in the way, and that nothing is lost."""
+    write = write_file if kind == "file" else write_folder
+    write(tmp_path / "out", *([b"old"] if kind == "file" else ["old.png"]))
+    before = contents(tmp_path)
+
+    def refused(source: Path, target: Path) -> None:
+        raise PermissionError(13, "The process cannot access the file because it is being used by another process")
+
+    monkeypatch.setattr(os, "replace", refused)
+    with pytest.raises(OutputError, match=r"out: could not be replaced: the process .*holds it open, close it there"):
+        write(tmp_path / "out", *([b"new"] if kind == "file" else ["new.png"]), force=True)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["NUL", "nul.zip", "Con", "AUX.tar.gz", "com1.sl1", "LPT9", "prn .txt", "COM¹.goo",
+                                  "conout$", "out.", "out ", "a.b. ", "out.zip ", "..."])  # fmt: skip
+def test_names_that_windows_takes_for_something_else(tmp_path, monkeypatch, name):
+    """A device's name, a dot or a space at the end: refused there, since the output would go nowhere; elsewhere they
+    are names like any other.
+    """
+    plain = name == "..."
+    assert (unfit_for_windows(name) is None) == plain
+    check_target(tmp_path / name, force=False)
+    monkeypatch.setattr(files, "WINDOWS", True)
+    if not plain:
+        with pytest.raises(OutputError, match="choose another name"):
+            check_target(tmp_path / name, force=False)
+
+
+@pytest.mark.parametrize("name", ["null.zip", "com.zip", "com10", "COM0", "console", "a.nul", "aux1", ".zip", "x.y"])
+def test_names_that_are_only_similar(name):
+    """Nothing is refused that Windows takes."""
+    assert unfit_for_windows(name) is None
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/null")], ids=["pipe", "device"])
+def test_pipes_and_devices_are_neither_read_nor_replaced(tmp_path, make):
+    """At once: opening a pipe would wait, reading a device might never end, replacing one would take it away."""
+    path = tmp_path / "odd.zip"
+    make(path)
+    with pytest.raises(InputError, match=r"odd\.zip: is a (pipe|device); only regular files and folders are read"):
+        check_input(path)
+    with pytest.raises(InputError, match=r"odd\.zip: is a (pipe|device)"), files.reading(path):
+        pytest.fail("the block must not run")
+    with pytest.raises(OutputError, match=r"odd\.zip: is a (pipe|device); only files and folders are replaced"):
+        check_target(path, force=True)
+    assert stat.S_ISFIFO(path.stat().st_mode) or stat.S_ISCHR(path.stat().st_mode)
+
+
+def test_inputs_that_are_not_there(tmp_path):
+    """A missing one, one behind a file, one with too long a name, a folder where a file is wanted."""
+    (tmp_path / "file").write_bytes(b"")
+    for name in ("none.stl", "file/none.stl"):
+        with pytest.raises(InputError, match=r"none\.stl: no such file or folder"):
+            check_input(tmp_path / name)
+    with pytest.raises(InputError, match="cannot be read: file name too long"):
+        check_input(tmp_path / ("x" * 300))
+    with pytest.raises(InputError, match="is a folder, not a file"):
+        check_input(tmp_path, folders=False)
+    check_input(tmp_path)
+    check_input(tmp_path / "file", folders=False)
+
+
+def test_a_further_output_that_fails_names_what_is_there(tmp_path):
+    """The first output is whole, the second is not: both are said."""
+    write_file(tmp_path / "out.zip", b"whole")
+    full = OSError(28, "No space left on device")
+    with (
+        pytest.raises(OutputError, match=r"look\.png: .*no space left on device; .*; \S*out\.zip is there and whole"),
+        already_written(tmp_path / "out.zip"),
+    ):
+        write_file(tmp_path / "look.png", b"", error=full)
+    with pytest.raises(OutputError, match=r"nothing was left behind$"), already_written(tmp_path / "none"):
+        write_file(tmp_path / "look.png", b"", error=full)
 
 
 # With a real process -------------------------------------------------------------------------------------
