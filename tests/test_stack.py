@@ -8,7 +8,7 @@ import pickle
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
@@ -380,6 +380,87 @@ def test_an_error_in_what_is_done_with_a_layer_reaches_the_reader(workers):
         next(results)
     assert layer_threads() == []
     assert list(results) == []
+
+
+@pytest.mark.parametrize("once", [False, True])
+@pytest.mark.parametrize("workers", [1, 2, 3, 8])
+def test_an_error_waits_for_the_layers_below_it(workers, once):
+    """Layer 0 is still being made when layer 3 has failed, and layer 5 after it: 0, 1 and 2 come all the same, then
+    the error of layer 3, whatever the number of threads.
+    """
+    failed = threading.Event()
+
+    def make(index: int) -> Layer:
+        if index == 0 and workers > 1:
+            assert failed.wait(30)
+        if index in (3, 5):
+            failed.set()
+            raise BrokenLayerError(f"layer {index}")
+        return numbered(index)
+
+    stack = replace(stack_by(make, 40, workers), repeats=np.arange(40) == 2)
+    read: list[float] = []
+    with pytest.raises(BrokenLayerError, match="layer 3"):
+        read.extend(stack.each(lambda layer: layer.z_mm[0], once=once))
+    assert read == ([0, 1, 1] if once else [0, 1, 2])
+    assert layer_threads() == []
+
+
+@pytest.mark.parametrize(("below", "above"), [(0, 0), (1, 2), (3, 1)])
+@pytest.mark.parametrize("workers", [1, 2, 3, 8])
+def test_an_error_among_neighbours_arrives_with_the_first_layer_that_needs_it(workers, below, above):
+    """As with one worker: what does not see the broken layer comes first, however slow it is."""
+    failed = threading.Event()
+
+    def make(index: int) -> Layer:
+        if index == 6:
+            failed.set()
+            raise BrokenLayerError("layer 6")
+        return numbered(index)
+
+    def use(index: int, *around: object) -> int:
+        if index == 0 and workers > 3:  # or the others do not get as far as layer 6
+            assert failed.wait(30)
+        return index
+
+    read: list[int] = []
+    with pytest.raises(BrokenLayerError, match="layer 6"):
+        read.extend(stack_by(make, 40, workers).each_with_neighbours(use, below=below, above=above))
+    assert read == list(range(6 - above))
+    assert layer_threads() == []
+
+
+@pytest.mark.parametrize(("below", "above"), [(0, 0), (2, 3), (4, 0), (0, 5)])
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_neighbours_are_made_once_and_let_go(workers, below, above):
+    """Every layer is made once; those alive at a time are the neighbours and what the threads are ahead, not all.
+
+    A thread may sleep on its layer while the others go on, so that the oldest layers are still needed.
+    """
+    import weakref
+
+    alive: weakref.WeakSet[Layer] = weakref.WeakSet()
+    made: list[int] = []
+    most = 0
+
+    def make(index: int) -> Layer:
+        made.append(index)
+        layer = numbered(index)
+        alive.add(layer)
+        return layer
+
+    def use(index: int, lower: Sequence[Layer], here: Layer, upper: Sequence[Layer]) -> list[float]:
+        if index % 7 == 0:
+            time.sleep(0.005)
+        return [layer.z_mm[0] for layer in (*lower, here, *upper)]
+
+    for index, seen in enumerate(stack_by(make, 120, workers).each_with_neighbours(use, below=below, above=above)):
+        assert seen == list(range(max(index - below, 0), min(index + above + 1, 120)))
+        most = max(most, len(alive))
+    assert sorted(made) == list(range(120))
+    kept = below + above + 3 * workers + 1
+    in_hand = workers * (below + above + 1)  # by threads that are at work
+    assert most <= kept + in_hand < 120
 
 
 @pytest.mark.parametrize("workers", [2, 8])

@@ -315,6 +315,8 @@ class _Remembered:
 def _in_threads(work: Callable[[int], Result], order: list[int], workers: int) -> Generator[Result]:
     """Yield work(order[0]), work(order[1]) … as so many threads make them; equal neighbours are made once.
 
+    What `work` raises comes in its turn, as with one worker: after the results of all that is below it.
+
     No executor and no futures: their locks are Python's own, and a Ctrl-C that arrives just after the main thread
     has taken one leaves it taken, for ever (seen once in some hundred interrupted runs). SimpleQueue is C.
     """
@@ -329,7 +331,7 @@ def _in_threads(work: Callable[[int], Result], order: list[int], workers: int) -
                 done.put((i, None, problem))
 
     threads = [Thread(target=labour, name=f"layers-{n}", daemon=True) for n in range(workers)]
-    ready: dict[int, Any] = {}
+    ready: dict[int, tuple[Any, BaseException | None]] = {}
     asked = 0
     try:
         for thread in threads:
@@ -341,10 +343,11 @@ def _in_threads(work: Callable[[int], Result], order: list[int], workers: int) -
                 asked += 1
             while wanted not in ready:
                 i, result, problem = done.get()
-                if problem is not None:
-                    raise problem
-                ready[i] = result
-            yield ready[wanted]
+                ready[i] = result, problem
+                del result  # or it would outlive the reader's interest by a turn
+            if (wrong := ready[wanted][1]) is not None:
+                raise wrong
+            yield ready[wanted][0]
             if index + 1 == len(order) or order[index + 1] != wanted:
                 del ready[wanted]
     finally:
