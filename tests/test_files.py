@@ -257,6 +257,29 @@ def test_an_interrupted_replacement_costs_neither_folder(tmp_path, monkeypatch, 
     assert contents(tmp_path) in ([old, new] if (which, moment) == (2, "after") else [old])
 
 
+def test_a_folder_that_cannot_be_put_back_at_once_is_put_back_by_the_next_run(tmp_path, monkeypatch, no_exchange):
+    """The disk fails after the first rename, and at putting back too: the old folder is not cleared away with the
+    helper folder that holds it.
+    """
+    write_folder(tmp_path / "out", "old.png")
+    rename, calls = os.replace, []
+
+    def fails_from_the_second_on(source: Path, target: Path) -> None:
+        calls.append(source)
+        if len(calls) > 1:
+            raise OSError(5, "Input/output error")
+        rename(source, target)
+
+    monkeypatch.setattr(os, "replace", fails_from_the_second_on)
+    with pytest.raises(OutputError, match="input/output error"):
+        write_folder(tmp_path / "out", "new.png", force=True)
+    assert not (tmp_path / "out").exists()
+    monkeypatch.setattr(os, "replace", rename)
+    with pytest.raises(OutputError, match="exists already"):
+        check_target(tmp_path / "out", force=False)
+    assert contents(tmp_path) == {"out": None, "out/old.png": b"old.png"}
+
+
 def test_nothing_is_left_if_the_old_folder_cannot_be_moved(tmp_path, monkeypatch, no_exchange):
     """The first of the two renames fails: the old folder stays, and no helper folder remains beside it."""
     write_folder(tmp_path / "out", "old.png")

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM in the middle of the work: a soon end, a clear exit code, and the disk as it was."""
+"""Ctrl-C, SIGTERM and SIGHUP in the middle of the work: a soon end, a clear exit code, and the disk as it was."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from layerfix.samples import sample
 from tests.making import contents, environment, start_layerfix, thin_part, write_stl
 
 FINE = ("--pixel", "40um", "--layer", "0.04mm", "--min-feature", "0.4mm", "--force")  # 1,400 layers: some ten seconds
-SIGNALS = {"SIGINT": (signal.SIGINT, 130), "SIGTERM": (signal.SIGTERM, 143)}
+SIGNALS = {"SIGINT": (signal.SIGINT, 130), "SIGTERM": (signal.SIGTERM, 143), "SIGHUP": (signal.SIGHUP, 129)}
 every_signal = pytest.mark.parametrize("name", SIGNALS)
 
 
@@ -73,6 +73,26 @@ def test_ctrl_c_says_that_nothing_was_written(tmp_path, playground):
     wait_for_work(tmp_path, process)
     _, err, _ = interrupted(process, signal.SIGINT)
     assert err.strip() == "layerfix: stopped"
+
+
+def test_nohup_goes_on_when_the_terminal_is_closed(tmp_path):
+    """Who asked for it to go on gets the output."""
+    write_stl(tmp_path / "part.stl", thin_part())
+
+    def nohup() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    process = start_layerfix(
+        "fix", "part.stl", "out.zip", "--pixel", "4um", "--layer", "0.04mm", "--min-feature", "0.4mm",
+        cwd=tmp_path, preexec_fn=nohup,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob(".*.part")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGHUP)
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, "")
+    assert set(contents(tmp_path)) == {"part.stl", "out.zip"}
 
 
 def test_ctrl_c_twice_is_no_worse(tmp_path, playground):

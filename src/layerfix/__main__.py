@@ -6,12 +6,14 @@ import signal
 import sys
 from types import FrameType
 
+from layerfix.console import one_line, speak_plainly
+
 # Signals that came. Some libraries swallow whatever their imports raise, so the commands look here too.
 _stopped: list[int] = []
 
 
 class Terminated(BaseException):
-    """SIGTERM, as an exception, so that unfinished outputs are cleared away like at Ctrl-C."""
+    """SIGTERM or SIGHUP, as an exception, so that unfinished outputs are cleared away like at Ctrl-C."""
 
 
 def _stop(signum: int, frame: FrameType | None) -> None:
@@ -21,8 +23,9 @@ def _stop(signum: int, frame: FrameType | None) -> None:
 
 
 def main() -> None:
-    """Run the command line. Exit codes: 0 done, 2 an error that was explained, 130 Ctrl-C, 143 SIGTERM."""
-    for signum in (signal.SIGINT, signal.SIGTERM):
+    """Run the command line. Exit codes: 0 done, 2 an explained error, 129 SIGHUP, 130 Ctrl-C, 143 SIGTERM."""
+    speak_plainly()
+    for signum in _signals():
         signal.signal(signum, _stop)
     try:
         code = _run()
@@ -35,6 +38,15 @@ def main() -> None:
             sys.stderr.write("layerfix: stopped\n")
         code = 128 + _stopped[0]
     sys.exit(code)
+
+
+def _signals() -> list[signal.Signals]:
+    """Those that end the program: Ctrl-C, `kill`, and a terminal that is closed, unless `nohup` says to go on."""
+    found = [signal.SIGINT, signal.SIGTERM]
+    hangup: signal.Signals | None = getattr(signal, "SIGHUP", None)  # Windows has none
+    if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:
+        found.append(hangup)
+    return found
 
 
 def _run() -> int:
@@ -51,7 +63,9 @@ def _run() -> int:
     except click.ClickException as problem:
         problem.show()
     except LayerfixError as problem:
-        click.echo(f"layerfix: {problem}", err=True)
+        click.echo(f"layerfix: {one_line(problem)}", err=True)
+    except MemoryError:
+        click.echo("layerfix: this machine has too little memory for that; nothing was left behind", err=True)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of a pipe has gone; there is nobody to tell
         return 1
