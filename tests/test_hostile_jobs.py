@@ -179,16 +179,35 @@ def test_heights_that_do_not_rise(tmp_path, kind, heights):
     assert use_all(path, [bytes(data)]) == ["refused"]
 
 
-def test_many_layers_that_are_all_the_whole_file(tmp_path):
-    """A table of 24,000 layers whose data are each the whole file, in two places in turn, opens all the same."""
-    count = 24_000
-    size = 152 + 36 * count - 1
-    table = b"".join(plain.TABLE_ENTRY.pack(0.05 * i, 8, 1, i % 2, size, 0, 36, 0, 0) for i in range(count))
-    path = JOBS["photon"](tmp_path)
+def many_layers(path: Path, count: int, place: Callable[[int], int], size_px: tuple[int, int]) -> Path:
+    """A photon job of `count` layers whose data are each the rest of the file from `place(i)` on."""
+    end = 152 + 36 * count
+    table = b"".join(
+        plain.TABLE_ENTRY.pack(0.05 * i, 8, 1, place(i), end - 24_000, 0, 36, 0, 0) for i in range(count)
+    )
     header = bytearray(path.read_bytes()[:152])
+    struct.pack_into("<II", header, 0x34, *size_px)
     struct.pack_into("<II", header, 0x40, 152, count)
     path.write_bytes(bytes(header) + table)
-    assert len(read(path)) == count
+    return path
+
+
+@pytest.mark.parametrize("place", [lambda i: i % 2, lambda i: i], ids=["two places", "many places"])
+def test_many_layers_that_are_all_the_whole_file(tmp_path, place):
+    """A table of 24,000 layers whose data are each nearly the whole file opens all the same: looking for layers that
+    repeat compares no more bytes than twice the file.
+    """
+    path = many_layers(JOBS["photon"](tmp_path), 24_000, place, (1440, 2560))
+    started = time.perf_counter()
+    assert len(read(path)) == 24_000
+    assert time.perf_counter() - started < LONGEST_S / 2
+
+
+def test_layers_with_more_data_than_pixels(tmp_path):
+    """The same on a panel of 70 × 30 px is no job; decoding it would go on for hours."""
+    path = many_layers(JOBS["photon"](tmp_path), 24_000, lambda i: i % 2, (70, 30))
+    with pytest.raises(InputError, match=r"job\.photon: layer 0 has 840152 bytes of runs, more than its 70 × 30 px"):
+        read(path)
 
 
 def test_goo_chunks_without_length(tmp_path):

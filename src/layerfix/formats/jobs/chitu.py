@@ -92,9 +92,13 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
         "x" * header.mirrored,
     )  # fmt: skip
 
-    @cache  # a hostile table may point at two large places in turn, ever again
+    left = 2 * len(data)  # bytes to compare: enough if no two layers overlap; a hostile table's all might
+
+    @cache
     def same_bytes(a: tuple[int, int], b: tuple[int, int]) -> bool:
-        return data[a[0] : a[0] + a[1]] == data[b[0] : b[0] + b[1]]
+        nonlocal left
+        left -= 2 * a[1]
+        return left >= 0 and data[a[0] : a[0] + a[1]] == data[b[0] : b[0] + b[1]]
 
     def alike(i: int) -> bool:
         """Layer i is the one below it: the same data, in one place or in two."""
@@ -141,11 +145,17 @@ def _table(path: Path, data: mmap.mmap, header: _Header) -> list[tuple[int, int]
     if header.table + count * ENTRY_BYTES > len(data):
         raise InputError(f"{path}: the file is cut short: its table of {count} layers ends past the end of the file")
     places = []
+    most = 4 * header.width * header.height + 4096  # no run takes more than 4 bytes a pixel
     for i in range(count):
         at, size = ENTRY.unpack_from(data, header.table + i * ENTRY_BYTES)[3:]
         if at + size > len(data):
             raise InputError(
                 f"{path}: the file is cut short: layer {i % header.layers} ends past the end of the file"
+            )
+        if size > most:
+            raise InputError(
+                f"{path}: layer {i % header.layers} has {size} bytes of runs, more than its"
+                f" {header.width} × {header.height} px can need"
             )
         places.append((at, size))
     return places

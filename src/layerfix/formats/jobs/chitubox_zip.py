@@ -6,12 +6,14 @@ It is also what Chitubox hands to its export plugins.
 
 from __future__ import annotations
 
+import math
 import re
 from typing import TYPE_CHECKING
 
 from layerfix.errors import InputError
 from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
+from layerfix.formats.text_values import number_above_0
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -51,13 +53,11 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
 def _comments(gcode: bytes) -> dict[str, float]:
     """``;key:number`` lines of the header; values that are no numbers above 0 are left out."""
     found = {}
-    for key, value in re.findall(rb"(?m)^;([A-Za-z]+):([0-9.]+)\s*$", gcode[: 1 << 16]):
-        try:
-            number = float(value)
-        except ValueError:
-            continue
-        if number > 0:
-            found[key.decode()] = number
+    for line in gcode[: 1 << 16].decode("latin-1").splitlines():
+        key, _, value = line.removeprefix(";").partition(":")
+        number = number_above_0(value) if line.startswith(";") and key.isalpha() else None
+        if number is not None:
+            found[key] = number
     return found
 
 
@@ -67,7 +67,7 @@ def _with_volume(gcode: bytes, values: dict[str, float], added_ml: float) -> byt
         return gcode
     growth = max(values["volume"] + added_ml, 0) / values["volume"]
     for key in ("volume", "weight", "price"):
-        if key in values:
+        if math.isfinite(values.get(key, math.inf) * growth):
             new = f";{key}:{values[key] * growth:.6f}".encode()
-            gcode = re.sub(rb"(?m)^;" + key.encode() + rb":[0-9.]+", new, gcode, count=1)
+            gcode = re.sub(rb"(?m)^;" + key.encode() + rb":[-+0-9.eE]+", new, gcode, count=1)
     return gcode

@@ -15,6 +15,7 @@ from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.jobs.zips import Archive
 from layerfix.formats.png.images import numeric_order
 from layerfix.formats.png.rgb_packed import rgb_packer, rgb_unpacker
+from layerfix.formats.text_values import keyed_numbers
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".cws",)
 CONF = "slice.conf"
-LAYER = re.compile(r".*[0-9]+\.png", re.IGNORECASE)
+LARGEST_CONF = 1 << 16  # bytes; those of real jobs have some hundred
+LAYER = re.compile(r".*[0-9]\.png", re.IGNORECASE | re.DOTALL)
 RGB = 2
 
 
@@ -35,7 +37,7 @@ def _conf_name(archive: Archive) -> str | None:
 def read(probe: Probe, hints: Hints) -> LayerStack:
     """The layers of a job. Raises InputError if neither file nor options say pitch and layer height."""
     archive = probe.archive
-    values = _conf(archive.text(_conf_name(archive) or CONF))
+    values = keyed_numbers(archive.text(_conf_name(archive) or CONF, LARGEST_CONF))
     names = sorted((n for n in archive.entries if LAYER.fullmatch(n)), key=numeric_order)
     width, height, colour = check_layers(archive, names, (0, RGB))
     width *= 3 if colour == RGB else 1
@@ -50,16 +52,3 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
         return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals, spool: {})
     unpack, repack = rgb_unpacker(size, hints.threshold, bgr=True), rgb_packer(size, bgr=True)
     return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals, spool: {}, unpack=unpack, repack=repack)
-
-
-def _conf(text: str) -> dict[str, float]:
-    """``key value`` or ``key = value`` lines with a number above 0."""
-    found = {}
-    for key, value in re.findall(r"(?m)^\s*(\w+)\s*=?\s*([0-9.]+)\s*$", text):
-        try:
-            number = float(value)
-        except ValueError:
-            continue
-        if number > 0:
-            found[key.lower()] = number
-    return found

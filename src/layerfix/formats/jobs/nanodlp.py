@@ -8,6 +8,7 @@ and profile.json are µm.
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -18,9 +19,10 @@ from layerfix.bits import unpack as unpack_rows
 from layerfix.errors import InputError
 from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
-from layerfix.formats.jobs.zips import Archive
+from layerfix.formats.jobs.zips import LARGEST_SETTINGS, LARGEST_TEXT, Archive
 from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.rgb_packed import rgb_packer, rgb_unpacker
+from layerfix.formats.text_values import parse_json
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -33,13 +35,17 @@ SUFFIXES = (".nanodlp", ".zip")
 PLATE, SLICER, PROFILE, INFO = "plate.json", "slicer.json", "profile.json", "info.json"
 LAYER = re.compile(r"[0-9]+\.png")
 RGB = 2
-LARGEST_INFO = 256 << 20
+# Digits are bounded, as is white space: a pattern over a file of others must not go back and forth in it.
+AREA = re.compile(
+    rb'("TotalSolidArea"\s{0,99}:\s{0,99})(-?[0-9]{1,99}(?:\.[0-9]{1,99})?(?:[eE][-+]?[0-9]{1,3})?)(?![0-9.])'
+)
 
 
 def read(probe: Probe, hints: Hints) -> LayerStack:
     """The layers of a plate. Raises InputError if neither file nor options say pitch and layer height."""
     archive = probe.archive
-    slicer, profile = _json(archive, SLICER), _json(archive, PROFILE)
+    slicer, profile = _object(archive, SLICER), _object(archive, PROFILE)
+    _object(archive, PLATE)  # or it could not be kept true
     plate = archive.read(PLATE)
     names = sorted((n for n in archive.entries if LAYER.fullmatch(n)), key=lambda n: int(n[:-4]))
     width, height, colour = check_layers(archive, names, (0, RGB))
@@ -49,6 +55,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     layer_mm = hints.layer_mm or _mm(profile, "Depth") or (hints.printer.layer_mm if hints.printer else None)
     if pixel_mm is None or layer_mm is None:
         raise InputError(f"{archive.path}: the plate does not say its pixel size and layer depth; give --printer")
+    if INFO in archive:
+        _measures_in(archive)
     frame = Frame(width, height, pixel_mm, layer_bounds_mm(len(names), layer_mm, hints.first_layer_mm))
 
     def metadata(totals: Totals, spool: Spool) -> dict[str, bytes]:
@@ -70,14 +78,22 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror, unpack=unpack, repack=repack)
 
 
-def _json(archive: Archive, name: str) -> dict[str, Any]:
-    if name not in archive:
-        return {}
+def _json(archive: Archive, name: str, limit: int) -> Any:
     try:
-        found = json.loads(archive.text(name))
+        return parse_json(archive.text(name, limit))
     except ValueError as problem:
         raise InputError(f"{archive.path}: {name} is not valid JSON ({problem})") from problem
+
+
+def _object(archive: Archive, name: str) -> dict[str, Any]:
+    found = _json(archive, name, LARGEST_SETTINGS) if name in archive else {}
     return found if isinstance(found, dict) else {}
+
+
+def _measures_in(archive: Archive) -> list[Any]:
+    """info.json: what is noted of each layer, bottom first; empty if it is something else."""
+    found = _json(archive, INFO, LARGEST_TEXT)
+    return found if isinstance(found, list) else []
 
 
 def _mm(values: dict[str, Any], key: str) -> float | None:
@@ -92,28 +108,28 @@ def _with_area(plate: bytes, added_mm2: float) -> bytes:
     """plate.json with TotalSolidArea (mm², over all layers) grown; every other byte as it was."""
 
     def grown(match: re.Match[bytes]) -> bytes:
-        return match[1] + f"{max(float(match[2]) + added_mm2, 0):.4f}".encode()
+        area_mm2 = float(match[2]) + added_mm2
+        return match[1] + f"{max(area_mm2, 0):.4f}".encode() if math.isfinite(area_mm2) else match[0]
 
-    return re.sub(rb'("TotalSolidArea"\s*:\s*)([0-9.]+)', grown, plate, count=1)
+    return AREA.sub(grown, plate, count=1)
 
 
 def _measured_anew(
     archive: Archive, names: list[str], spool: Spool, decode: Callable[[bytes], Image], pixel_mm: tuple[float, float]
 ) -> bytes:
     """info.json with the measures of changed layers: areas in mm², bounds in px. Keys it has not stay away."""
-    raw = archive.read(INFO, LARGEST_INFO)
-    try:
-        layers = json.loads(raw)
-    except ValueError:
-        return raw
-    if not isinstance(layers, list):
-        return raw
+    layers = _measures_in(archive)
+    if not layers:
+        return archive.read(INFO)
     for index in range(min(len(names), len(layers))):
         data = spool.get(index)
         if data is not None and isinstance(layers[index], dict):
             new = _measures(decode(data), pixel_mm)
             layers[index].update({key: value for key, value in new.items() if key in layers[index]})
-    return json.dumps(layers).encode()
+    try:
+        return json.dumps(layers).encode()
+    except RecursionError as problem:  # the limit counts from where one stands
+        raise InputError(f"{archive.path}: {INFO} is nested too deeply") from problem
 
 
 def _measures(image: Image, pixel_mm: tuple[float, float]) -> dict[str, float]:

@@ -23,6 +23,7 @@ from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.png.encode import encode_png
+from layerfix.formats.text_values import LARGEST_NUMBER, abridged
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -79,9 +80,11 @@ def number(path: Path, config: dict[str, str], key: str, file: str = CONFIG) -> 
     except KeyError as problem:
         raise InputError(f"{path}: {file} has no {key}") from problem
     except ValueError as problem:
-        raise InputError(f"{path}: {file} says {key} = {config[key]}; it is a number") from problem
-    if not 0 < value < float("inf"):
-        raise InputError(f"{path}: {file} says {key} = {config[key]}; it is above 0")
+        raise InputError(f"{path}: {file} says {key} = {abridged(config[key])}; it is a number") from problem
+    if not 0 < value < LARGEST_NUMBER:
+        raise InputError(
+            f"{path}: {file} says {key} = {abridged(config[key])}; it is above 0 and below {LARGEST_NUMBER:g}"
+        )
     return value
 
 
@@ -95,7 +98,7 @@ def _pitch_mm(slicer: dict[str, str], size: tuple[int, int]) -> tuple[float, flo
         pixels = int(slicer["display_pixels_x"]), int(slicer["display_pixels_y"])
         sides = float(slicer["display_width"]), float(slicer["display_height"])
         pitch = sides[0] / pixels[0], sides[1] / pixels[1]
-    except (KeyError, ValueError, ZeroDivisionError):
+    except (KeyError, ValueError, ArithmeticError):
         known = PITCH_BY_SIZE.get(size)
         return (known, known) if known else None
     return pitch if pixels == size or pixels != size[::-1] else pitch[::-1]

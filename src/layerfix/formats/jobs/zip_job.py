@@ -76,7 +76,7 @@ def zip_job(
     unpack, repack  for layers that are not plain grey images
     """
     size = frame.width, frame.height
-    limit = 4 * frame.width * frame.height + (1 << 20)
+    limit = 5 * frame.width * frame.height // 2 + (1 << 20)  # 16 bits that do not shrink, and what else there is
 
     def decode(index: int, payload: bytes) -> Decoded:
         where = f"{archive.path}: {names[index]}"

@@ -10,17 +10,24 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import BinaryIO
 
 from layerfix.errors import InputError
 from layerfix.files import reading
+from layerfix.formats.text_values import abridged
 
 LOCAL, CENTRAL, END = 0x04034B50, 0x02014B50, 0x06054B50
 LARGEST_TEXT = 16 << 20  # bytes of a metadata entry
+LARGEST_SETTINGS = 1 << 20  # of a settings file; those of real jobs have some 20 kB
+LARGEST_DIRECTORY = 32 << 20  # bytes of all entries' records: 100,000 layers need 10 MB
+LONGEST_NAME = 255  # bytes of a file's or folder's name, as on every file system
 MAX_32 = 0xFFFFFFFF
 SMALL_READ = 4096
+LOCAL_BYTES = 30 + 2 * 0xFFFF  # of a local header with its name and extra fields, at most
+END_BYTES, LOCATOR_BYTES, LOCATOR_64 = 22, 20, 0x07064B50
 
 
 class Archive:
@@ -30,18 +37,24 @@ class Archive:
         self.path = path
         try:
             with reading(path):
+                _check_directory(path)
                 self._zip = zipfile.ZipFile(path)
         except (zipfile.BadZipFile, ValueError, NotImplementedError, UnicodeDecodeError, struct.error) as problem:
             raise InputError(f"{path}: not a readable zip file ({problem})") from problem
         self.entries = {info.filename: info for info in self._zip.infolist()}
         if len(self.entries) != len(self._zip.infolist()):
-            names = [info.filename for info in self._zip.infolist()]
-            twice = next(n for n in names if names.count(n) > 1)
-            raise InputError(f"{path}: holds two entries called {twice}")
+            counts = Counter(info.filename for info in self._zip.infolist())
+            twice = counts.most_common(1)[0][0]
+            raise InputError(f"{path}: holds two entries called {abridged(twice)}")
         for name in self.entries:
             parts = name.replace("\\", "/").split("/")
+            if max(map(len, parts)) > LONGEST_NAME:
+                raise InputError(
+                    f"{path}: holds an entry called {abridged(name)}; names of more than {LONGEST_NAME} bytes are no"
+                    " file's"
+                )
             if ".." in parts or name.startswith(("/", "\\")) or ":" in parts[0]:
-                raise InputError(f"{path}: holds the entry '{name}', which points outside the archive")
+                raise InputError(f"{path}: holds the entry '{abridged(name)}', which points outside the archive")
 
     def __contains__(self, name: str) -> bool:
         return name in self.entries
@@ -53,7 +66,7 @@ class Archive:
             raise InputError(f"{self.path}: the entry {name} is missing")
         if info.file_size > limit:
             raise InputError(
-                f"{self.path}: entry {name} unpacks to {info.file_size} bytes; at most {limit} are expected"
+                f"{self.path}: entry {abridged(name)} unpacks to {info.file_size} bytes; at most {limit} are expected"
             )
         data = self.head(name, limit + 1)
         if len(data) > limit:
@@ -77,9 +90,9 @@ class Archive:
             # zipfile lets through what its decompressors raise: zlib.error, LZMAError, EOFError, OSError …
             raise InputError(f"{self.path}: entry {name} cannot be read ({problem})") from problem
 
-    def text(self, name: str) -> str:
+    def text(self, name: str, limit: int = LARGEST_SETTINGS) -> str:
         """One entry as text."""
-        return self.read(name).decode("utf-8", "replace")
+        return self.read(name, limit).decode("utf-8", "replace")
 
     def same(self, name: str, other: str) -> bool:
         """Whether two entries are the same bytes: same size and checksum in the directory."""
@@ -101,17 +114,19 @@ class Archive:
             directory_at, directory, comment = self._directory(source)
             infos = sorted(self._zip.infolist(), key=lambda info: info.header_offset)
             starts = [info.header_offset for info in infos] + [directory_at]
-            if starts[0]:  # a self-extractor's program, or anything else in front
-                source.seek(0)
-                target.write(source.read(starts[0]))
+            if starts != sorted(starts):
+                raise ValueError("an entry lies behind it")
+            _copy(source, target, 0, starts[0])  # a self-extractor's program, or anything else in front
             placed: dict[str, tuple[int, bytes | None]] = {}
             for info, start, stop in zip(infos, starts, starts[1:], strict=False):
                 at = target.tell()
                 data = replaced.get(info.filename)
-                source.seek(start)
-                raw = source.read(stop - start)
                 fields = None if data is None else _sizes(data, info.compress_type)
-                target.write(raw if fields is None else _local(raw, fields))
+                if fields is None:
+                    _copy(source, target, start, stop)
+                else:
+                    source.seek(start)
+                    target.write(_local(source.read(min(stop - start, LOCAL_BYTES)), fields))
                 placed[info.filename] = at, None if fields is None else fields.header
             directory_start = target.tell()
             for info, entry in zip(self._zip.infolist(), directory, strict=True):
@@ -139,6 +154,35 @@ class Archive:
         if struct.unpack_from("<I", raw, position)[0] != END:
             raise InputError(f"{self.path}: a zip64 archive; such archives can be read but not rewritten")
         return at, entries, self._zip.comment
+
+
+def _check_directory(path: Path) -> None:
+    """Raises InputError for a directory too large to be a job's, before zipfile makes objects of it (600 bytes each).
+
+    What is no zip at all is left to zipfile.
+    """
+    with path.open("rb") as file:
+        end = file.seek(0, 2)
+        file.seek(max(end - END_BYTES - 0xFFFF - LOCATOR_BYTES, 0))
+        tail = file.read()
+        at = tail.rfind(struct.pack("<I", END))
+        if at < 0 or len(tail) - at < END_BYTES:
+            return
+        size = struct.unpack_from("<I", tail, at + 12)[0]
+        if size == MAX_32 and tail[at - LOCATOR_BYTES : at - LOCATOR_BYTES + 4] == struct.pack("<I", LOCATOR_64):
+            file.seek(min(struct.unpack_from("<Q", tail, at - LOCATOR_BYTES + 8)[0], end))
+            record = file.read(56)
+            size = struct.unpack_from("<Q", record, 40)[0] if len(record) == 56 else 0
+    if size > LARGEST_DIRECTORY:
+        raise InputError(f"{path}: its directory has {size} bytes; at most {LARGEST_DIRECTORY} are read")
+
+
+def _copy(source: BinaryIO, target: BinaryIO, start: int, stop: int) -> None:
+    """Bytes start … stop - 1, a block at a time."""
+    source.seek(start)
+    while start < stop and (block := source.read(min(stop - start, 1 << 20))):
+        target.write(block)
+        start += len(block)
 
 
 class _Fields:

@@ -18,10 +18,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from layerfix.errors import InputError, OutputError
-from layerfix.files import A_LONG_TIME_AGO, reading, whole_file, whole_folder
+from layerfix.files import A_LONG_TIME_AGO, check_input, reading, whole_file, whole_folder
 from layerfix.formats.encoding import encoded
+from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
 from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.encode import SIGNATURE, encode_png
+from layerfix.formats.text_values import LARGEST_NUMBER, abridged, parse_json
 from layerfix.stack import Layer, LayerStack, layer_bounds_mm, layer_maker
 
 if TYPE_CHECKING:
@@ -29,16 +31,16 @@ if TYPE_CHECKING:
     from layerfix.formats.probe import Probe
 
 TEXT_KEY = "layerfix"
-LARGEST_IMAGE = 1 << 30  # bytes of one PNG file
+CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by colour type
 HEAD_BYTES = 1024  # IHDR, pHYs and our tEXt come first and are shorter than this
 
 
 class Source(NamedTuple):
-    """Where layers come from: names in order, and the bytes (or the first so many) of one."""
+    """Where layers come from: names in order, and the bytes of one (refused over a limit), or the first of them."""
 
     where: str
     names: list[str]
-    load: Callable[[str], bytes]
+    load: Callable[[str, int], bytes]
     head: Callable[[str], bytes]
 
 
@@ -48,6 +50,7 @@ class Head(NamedTuple):
     width: int
     height: int
     colour: int
+    most_bytes: int  # of a file with such an image
     pixel_mm: tuple[float, float] | None
     notes: dict[str, Any]
 
@@ -55,7 +58,9 @@ class Head(NamedTuple):
 def numeric_order(name: str) -> tuple[Any, ...]:
     """Sort key that compares runs of digits as numbers: ``layer9`` before ``layer10``."""
     parts = re.split(r"([0-9]+)", name)
-    return tuple((0, int(part), "") if k % 2 else (1, 0, part.lower()) for k, part in enumerate(parts))
+    # Of two numbers the longer is the larger; int() takes no more than 4,300 digits.
+    bare = [part.lstrip("0") if k % 2 else part.lower() for k, part in enumerate(parts)]
+    return tuple((0, len(part), part) if k % 2 else (1, 0, part) for k, part in enumerate(bare))
 
 
 def _is_layer(name: str) -> bool:
@@ -67,13 +72,21 @@ def read_folder(probe: Probe, hints: Hints) -> LayerStack:
     """Every ``.png`` directly in the folder, as a stack that decodes when asked."""
     path = probe.path
     with reading(path):
-        names = sorted((p.name for p in path.iterdir() if _is_layer(p.name) and p.is_file()), key=numeric_order)
+        names = sorted((p.name for p in path.iterdir() if _is_layer(p.name) and not p.is_dir()), key=numeric_order)
+    for name in names:  # a pipe, or a link to a layer that is gone
+        check_input(path / name)
 
-    def read(name: str, size: int = -1) -> bytes:
+    def read(name: str, size: int) -> bytes:
         with reading(path / name), (path / name).open("rb") as file:
             return file.read(size)
 
-    return _stack(Source(str(path), names, read, lambda name: read(name, HEAD_BYTES)), hints)
+    def load(name: str, limit: int) -> bytes:
+        data = read(name, limit + 1)
+        if len(data) > limit:
+            raise InputError(f"{path / name}: has over {limit} bytes, more than an image of its size needs")
+        return data
+
+    return _stack(Source(str(path), names, load, lambda name: read(name, HEAD_BYTES)), hints)
 
 
 def read_zip(probe: Probe, hints: Hints) -> LayerStack:
@@ -84,7 +97,7 @@ def read_zip(probe: Probe, hints: Hints) -> LayerStack:
         Source(
             str(archive.path),
             names,
-            lambda name: archive.read(name, LARGEST_IMAGE),
+            archive.read,
             lambda name: archive.head(name, HEAD_BYTES),
         ),
         hints,
@@ -124,7 +137,9 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
 
     def rows(index: int) -> Any:
         name = source.names[index]
-        return decode_png(source.load(name), f"{source.where}/{name}", (first.width, first.height)).rows
+        return decode_png(
+            source.load(name, heads[index].most_bytes), f"{source.where}/{name}", (first.width, first.height)
+        ).rows
 
     try:
         make = layer_maker(rows, first.width, z_mm)
@@ -154,7 +169,9 @@ def _head(where: str, data: bytes) -> Head:
     """Width, height, pitch and our notes from the first bytes of a PNG. Raises InputError if it is none."""
     if data[:8] != SIGNATURE or data[12:16] != b"IHDR" or len(data) < 33:
         raise InputError(f"{where}: not a readable PNG image")
-    width, height, _, colour = struct.unpack(">IIBB", data[16:26])
+    width, height, depth, colour = struct.unpack(">IIBB", data[16:26])
+    if not 0 < width * height <= MAX_PANEL_PX:
+        raise InputError(f"{where}: says {width} × {height} px; at most {MAX_PANEL_PX} are read")
     pixel_mm: tuple[float, float] | None = None
     notes: dict[str, Any] = {}
     at = 33
@@ -168,20 +185,35 @@ def _head(where: str, data: bytes) -> Head:
             if unit == 1 and x and y:
                 pixel_mm = 1000 / x, 1000 / y
         if kind == b"tEXt" and body.startswith(TEXT_KEY.encode() + b"\0"):
-            notes = _notes(body.partition(b"\0")[2])
+            notes = _notes(where, body.partition(b"\0")[2])
         at += 12 + size
     if "pixel_mm" in notes:
         pixel_mm = notes["pixel_mm"]
-    return Head(width, height, colour, pixel_mm, notes)
+    row_bytes = 1 + (width * depth * CHANNELS.get(colour, 4) + 7) // 8
+    return Head(width, height, colour, height * row_bytes * 5 // 4 + (1 << 20), pixel_mm, notes)
 
 
-def _notes(text: bytes) -> dict[str, Any]:
-    """Our tEXt chunk: pairs of numbers by name; anything else in it is ignored."""
+def _notes(where: str, text: bytes) -> dict[str, Any]:
+    """Our tEXt chunk: pairs of numbers by name; what is not of that form is not ours, and ignored.
+
+    Raises InputError for a pair whose numbers are not finite, or too large for any printer.
+    """
     try:
-        found = json.loads(text)
-        return {k: (float(found[k][0]), float(found[k][1])) for k in ("pixel_mm", "origin_mm", "z_mm") if k in found}
-    except (ValueError, TypeError, KeyError, IndexError):
+        found = parse_json(text)
+    except ValueError:
         return {}
+    if not isinstance(found, dict):
+        return {}
+    notes = {}
+    for key in ("pixel_mm", "origin_mm", "z_mm"):
+        value = found.get(key)
+        if not isinstance(value, list) or len(value) != 2 or not all(type(n) in (int, float) for n in value):
+            continue
+        if not all(abs(n) < LARGEST_NUMBER for n in value):  # nan neither
+            shown = abridged(json.dumps(value))
+            raise InputError(f"{where}: says {key} {shown}; its numbers are finite and below {LARGEST_NUMBER:g}")
+        notes[key] = float(value[0]), float(value[1])
+    return notes
 
 
 def _encoder(stack: LayerStack, bits: int) -> Callable[[Layer], bytes]:
