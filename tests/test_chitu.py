@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import ndimage
 
-from layerfix import correct, read, write
+from layerfix import correct, correct_image, read, write
 from layerfix.errors import InputError, OutputError
+from layerfix.formats.jobs import chitu
 from tests import independent_readers as plain
 from tests.making import SHARED, contents, corrected_on_panel
 
@@ -305,3 +308,49 @@ def test_sample_files(tmp_path, name):
     nothing = tmp_path / ("nothing_" + name)
     write(nothing, stack)
     assert nothing.read_bytes() == source.read_bytes()
+
+
+def chitu_places(path: Path) -> list[tuple[int, int]]:
+    """(offset, size) of each entry's data."""
+    return [(entry[3], entry[4]) for entry in plain.read_chitu(path).entries]
+
+
+@pytest.mark.parametrize("magic", [plain.PHOTON, plain.CTB], ids=["photon", "ctb"])
+def test_data_that_only_touch_are_not_shared(tmp_path, magic):
+    """Layers' data lie one right after the other: what got smaller is written where it was, and nothing moves.
+
+    Only data that another layer points to as well go elsewhere.
+    """
+    comb = np.zeros((24, 128), np.uint8)
+    comb[4:20, 10:118:4] = 255  # teeth one pixel wide: thick, they close to a block that needs fewer runs
+    solid = plain.block(24, 128)
+    suffix = "photon" if magic == plain.PHOTON else "ctb"
+    source = plain.write_chitu(tmp_path / f"a.{suffix}", [solid, comb, solid, comb, solid], magic=magic, version=2)
+    before = chitu_places(source)
+    assert all(a[0] + a[1] == b[0] for a, b in pairwise(before))
+    target = tmp_path / f"b.{suffix}"
+    write(target, correct(read(source), min_feature_mm=0.3, mode="add_only"))
+    after = chitu_places(target)
+    assert [at for at, _ in after] == [at for at, _ in before]
+    assert after[1][1] < before[1][1]
+    assert target.stat().st_size == source.stat().st_size
+    expected = correct_image(comb > 0, 3.0, "add_only")
+    for index, image in enumerate(plain.read_chitu(target).layers):
+        assert np.array_equal(image > 0, expected if index % 2 else solid > 0)
+
+
+def test_data_that_overlap_by_a_byte_are_shared():
+    """Touching is not overlapping; equal places, and one inside another, are; chains are followed."""
+    assert chitu._shared([(0, 10), (10, 5), (15, 5)]) == set()
+    assert chitu._shared([(0, 10), (9, 5), (15, 5)]) == {0, 1}
+    assert chitu._shared([(15, 5), (0, 100), (15, 5), (100, 1)]) == {0, 1, 2}
+    assert chitu._shared([(0, 0), (0, 0), (0, 5)]) == set()
+    assert chitu._shared([]) == set()
+
+
+@given(st.lists(st.tuples(st.integers(0, 30), st.integers(1, 8)), max_size=12))
+def test_shared_data_by_brute_force(places):
+    """An entry is shared if any of its bytes is one of another's."""
+    taken = [set(range(at, at + size)) for at, size in places]
+    expected = {i for i, a in enumerate(taken) for k, b in enumerate(taken) if i != k and a & b}
+    assert chitu._shared(places) == expected

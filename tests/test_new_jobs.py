@@ -12,6 +12,7 @@ from PIL import Image
 
 import layerfix as lf
 from layerfix.errors import OutputError
+from layerfix.formats.jobs import goo
 from layerfix.stack import LayerStack
 from tests.independent_readers import ini, read_goo, sl1_layers
 from tests.making import box, run_layerfix, write_stl
@@ -152,3 +153,66 @@ def test_from_a_mesh_on_the_command_line(tmp_path):
     job = read_goo(tmp_path / "part.goo")
     assert len(job.layers) == 10
     assert all((image > 0).sum() == 180 * 100 for image in job.layers)
+
+
+WITH_LIFTS = (
+    OWN + "bottom_lift_mm = 9.0\nbottom_lift_mm_min = 40.0\nbottom_light_pwm = 255\nlight_off_s = 1.5\n"
+    "first_layer_mm = 0.25\n"
+)
+
+
+def other_first_layer(tmp_path, suffix: str) -> tuple[LayerStack, lf.Printer]:
+    """Ten layers, the first 0.25 mm high and the others 0.1 mm, and a printer that lifts bottom layers otherwise."""
+    (tmp_path / "own.toml").write_text(WITH_LIFTS.format(suffix=suffix, mirror=""))
+    images = np.ones((10, 120, 200), bool)
+    return (
+        LayerStack.from_images(images, pixel_mm=0.05, layer_mm=0.1, first_layer_mm=0.25),
+        lf.load_printer(tmp_path / "own.toml"),
+    )
+
+
+def test_every_goo_layer_has_its_own_exposure_and_lift(tmp_path):
+    """Three bottom layers of 30 s, four of transition in equal steps, then 2.5 s; lift, speed and light of the bottom
+    for the three bottom layers alone; z is each layer's top.
+    """
+    stack, printer = other_first_layer(tmp_path, ".goo")
+    lf.write(tmp_path / "part.goo", stack, printer)
+    job = read_goo(tmp_path / "part.goo")
+    layers = [struct.unpack(">H15fH2s", definition) for definition in job.definitions]
+    exposure_s = [30, 30, 30, 24.5, 19, 13.5, 8, 2.5, 2.5, 2.5]
+    assert [layer[3] for layer in layers] == pytest.approx(exposure_s)
+    assert [layer[2] for layer in layers] == pytest.approx([0.25 + 0.1 * i for i in range(10)])
+    for index, layer in enumerate(layers):
+        lift, speed, light = (9, 40, 255) if index < 3 else (6, 60, 200)
+        # Pauses, light off before and after, lift and speed, second lift, retract and speed, second retract, light.
+        assert layer[:2] == (0, 0)
+        assert layer[4:] == (1.5, 0, 0, 1.5, lift, speed, 0, 0, lift, 120, 0, 0, light, b"\r\n")
+    usual_s, _, *times = job.header[24:34]
+    assert (usual_s, times, job.header[34]) == (2.5, [1.5, 0, 0, 1.5, 0, 0, 1.5, 30], 3)
+    assert job.header[35:51] == (9, 40, 6, 60, 9, 120, 6, 120, *[0] * 8)
+    assert job.header[51:53] == (255, 200)
+    seconds = sum(exposure_s) + 10 * (1.5 + 60 * (6 / 60 + 6 / 120))
+    assert job.header[54] == pytest.approx(seconds, abs=0.5)
+    assert job.header[55] == pytest.approx(stack.volume_mm3())
+
+
+def test_sl1_says_the_height_of_its_first_layer_and_of_the_others(tmp_path):
+    """The firmware counts with layerHeight, that of all layers but the first."""
+    stack, printer = other_first_layer(tmp_path, ".sl1s")
+    lf.write(tmp_path / "part.sl1s", stack, printer)
+    with zipfile.ZipFile(tmp_path / "part.sl1s") as job:
+        config, slicer = (ini(job.read(name).decode()) for name in ("config.ini", "prusaslicer.ini"))
+    assert config["layerHeight"] == "0.1"
+    assert (slicer["initial_layer_height"], slicer["layer_height"]) == ("0.25", "0.1")
+    again = lf.read(tmp_path / "part.sl1s")
+    assert np.allclose(again.z_mm, stack.z_mm)
+
+
+@pytest.mark.parametrize(
+    ("rgb", "word"),
+    [((255, 0, 0), 0xF800), ((0, 255, 0), 0x07E0), ((0, 0, 255), 0x001F), ((255, 255, 255), 0xFFFF),
+     ((8, 0, 0), 0x0800), ((0, 4, 0), 0x0020), ((0, 3, 0), 0), ((0, 0, 8), 1), ((0, 130, 0), 0x0400), ((236, 140, 52), 0xEC66)],
+)  # fmt: skip
+def test_colours_of_previews_are_5_6_5_bits(rgb, word):
+    """Red in the highest five bits, green in the middle six, blue in the lowest five, the high byte first."""
+    assert goo._rgb565(Image.new("RGB", (2, 1), rgb)) == word.to_bytes(2, "big") * 2

@@ -244,6 +244,7 @@ def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[
     if not any_left:
         return any_deleted
 
+    # `ends` is that of this call also in bridged blocks: the first half's run, which these are part of, bridged them.
     found_before = np.zeros(active.shape[1], np.uint8)
     found = np.zeros(active.shape[1], np.uint8)
     for w in range(1, words - 1):
@@ -255,9 +256,6 @@ def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[
             here = columns[w, first - 1 : last + 1]
             east = columns[w + 1, first - 1 : last + 1]
             dead = gone[w & 1, first:last]
-            for b in range(start, stop):
-                if active[w, b] == Q0:  # a bridged block: its `ends` may be of another call
-                    ends[w, 1 + b * BLOCK : 1 + b * BLOCK + BLOCK] = U0
             _still_ends(west, here, east, ends[w, first:last], dead)
             any_deleted |= _flag_blocks(dead, found[start:stop])
             start, stop = _next_run(active[w], stop)
