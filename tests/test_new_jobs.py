@@ -211,7 +211,8 @@ def test_sl1_says_the_height_of_its_first_layer_and_of_the_others(tmp_path):
 @pytest.mark.parametrize(
     ("rgb", "word"),
     [((255, 0, 0), 0xF800), ((0, 255, 0), 0x07E0), ((0, 0, 255), 0x001F), ((255, 255, 255), 0xFFFF),
-     ((8, 0, 0), 0x0800), ((0, 4, 0), 0x0020), ((0, 3, 0), 0), ((0, 0, 8), 1), ((0, 130, 0), 0x0400), ((236, 140, 52), 0xEC66)],
+     ((8, 0, 0), 0x0800), ((0, 4, 0), 0x0020), ((0, 3, 0), 0), ((0, 0, 8), 1),
+     ((0, 130, 0), 0x0400), ((236, 140, 52), 0xEC66)],
 )  # fmt: skip
 def test_colours_of_previews_are_5_6_5_bits(rgb, word):
     """Red in the highest five bits, green in the middle six, blue in the lowest five, the high byte first."""
