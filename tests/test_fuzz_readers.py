@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import random
 import tempfile
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 
 import layerfix as lf
 from layerfix.errors import LayerfixError
+from tests.fuzz import seeds, structure
 from tests.independent_readers import CTB, block, png_bytes, thin_bar, write_chitu, write_goo, write_sl1, write_zip
 
 LAYERS = [block(24, 42), thin_bar(24, 42), thin_bar(24, 42, 90)]
@@ -72,6 +75,23 @@ def test_bytes_that_were_changed_anywhere(kind, data):
     cut = data.draw(st.one_of(st.none(), st.integers(0, len(raw))))
     with tempfile.TemporaryDirectory() as folder:
         use(Path(folder), kind, bytes(raw[:cut]))
+
+
+@pytest.mark.parametrize("kind", ["jobs", "meshes", "printers"])
+def test_files_changed_where_it_matters(tmp_path, kind):
+    """Entries, chunks, numbers, words replaced by such as hurt, in every kind of file: LayerfixError or a result."""
+    seeds.write(kind, tmp_path / "seeds")
+    originals = [(path.suffix, path.read_bytes()) for path in sorted((tmp_path / "seeds").iterdir())]
+    for number in range(120):
+        rng = random.Random(number)
+        suffix, data = rng.choice(originals)
+        for _ in range(rng.choice([1, 1, 2, 4])):
+            data = structure.changed(data, rng)
+        kept = suffix.removesuffix("_ascii") if kind == "meshes" else seeds.SUFFIX_OF[kind](data)
+        path = tmp_path / f"input{kept}"
+        path.write_bytes(data[:300_000])
+        with suppress(LayerfixError):
+            seeds.USES[kind](path)
 
 
 @settings(max_examples=100, derandomize=True, deadline=None)

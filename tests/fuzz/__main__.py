@@ -1,60 +1,68 @@
-"""Fuzz every reader of jobs with atheris: ``python -m tests.fuzz [-max_total_time=600] [libFuzzer options]``.
+"""Fuzz the readers with atheris: ``python -m tests.fuzz [jobs|meshes|gcode|printers] [-max_total_time=600] …``.
 
-Needs ``pip install atheris``. Only LayerfixError may come out of reading a file and decoding its layers;
-anything else stops the run and leaves the input as a crash-… file.
+Needs ``pip install atheris``. Only LayerfixError may come out of reading a file and using what is in it; anything
+else, or 20 seconds, or 3 GB, stops the run and leaves the input as a crash-… (timeout-…, oom-…) file. What is
+mutated is not only bytes: `structure` changes the entries of zips, the chunks of GLB and PNG, words and numbers of
+texts, so that what is inside checksums and compression is reached.
 """
+
+from __future__ import annotations
 
 import sys
 import tempfile
 import types
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import atheris
 
-import layerfix as lf
-from layerfix import formats
 from layerfix.errors import LayerfixError
-from layerfix.formats.jobs import chitu, chitubox_zip, container, cws, goo, nanodlp, sl1, zip_job, zips
-from layerfix.formats.png import images as png_stack
-from tests.independent_readers import block, thin_bar, write_chitu, write_goo, write_sl1
+from tests.fuzz import seeds, structure
 
 FOLDER = Path(tempfile.mkdtemp(prefix="layerfix-fuzz-"))
+JOBS = ("chitu", "chitubox_zip", "container", "cws", "goo", "nanodlp", "sl1", "zip_job", "zips")
+MODULES = {
+    "jobs": ["formats", "formats.text_values", "formats.png.images", *(f"formats.jobs.{name}" for name in JOBS)],
+    "meshes": ["mesh.triangles", "mesh.read_3mf"],
+    "gcode": ["formats.vector.gcode_reader"],
+    "printers": ["printers"],
+}
 
 
-READERS = (formats, chitu, chitubox_zip, container, cws, goo, nanodlp, png_stack, sl1, zip_job, zips)
-
-
-def instrument() -> None:
+def instrument(kind: str) -> None:
     """Watch the readers' Python. (Not at import: numba compiles the kernels from bytecode, which must stay.)"""
-    for module in READERS:
+    for name in MODULES[kind]:
+        module = import_module(f"layerfix.{name}")
         for thing in list(vars(module).values()):
             if isinstance(thing, types.FunctionType) and thing.__module__ == module.__name__:
                 atheris.instrument_func(thing)
 
 
-def seeds() -> Path:
-    """A folder with one small job of each kind."""
-    folder = FOLDER / "seeds"
-    folder.mkdir()
-    layers = [block(24, 40), thin_bar(24, 40), thin_bar(24, 40, 90)]
-    write_sl1(folder / "a.sl1", layers)
-    write_goo(folder / "a.goo", layers)
-    write_chitu(folder / "a.cbddlp", layers)
-    return folder
+def one_input(use: Callable[[Path], None], suffix_of: Callable[[bytes], str]) -> Callable[[bytes], None]:
+    """What reads bytes as a file; a LayerfixError is an answer, if it is one line."""
+
+    def run(data: bytes) -> None:
+        path = FOLDER / f"input{suffix_of(data)}"
+        path.write_bytes(data)
+        try:
+            use(path)
+        except LayerfixError as problem:
+            if len(str(problem)) > 4000:
+                raise AssertionError("an endless message") from problem
+
+    return run
 
 
-def one_input(data: bytes) -> None:
-    """Read the bytes as a file of any kind."""
-    path = FOLDER / "input"
-    path.write_bytes(data)
-    try:
-        for layer in lf.read(path, pixel_mm=0.05, layer_mm=0.05).with_workers(1):
-            layer.count_px()
-    except LayerfixError:
-        pass
+def main() -> None:
+    kind = sys.argv.pop(1) if len(sys.argv) > 1 and sys.argv[1] in MODULES else "jobs"
+    instrument(kind)
+    corpus = seeds.write(kind, FOLDER / "seeds")
+    run = one_input(seeds.USES[kind], seeds.SUFFIX_OF[kind])
+    options = ["-rss_limit_mb=3000", "-max_len=300000", "-timeout=20"]
+    atheris.Setup([sys.argv[0], *options, *sys.argv[1:], str(corpus)], run, custom_mutator=structure.mutator(kind))
+    atheris.Fuzz()
 
 
 if __name__ == "__main__":
-    instrument()
-    atheris.Setup([sys.argv[0], "-rss_limit_mb=3000", "-max_len=300000", *sys.argv[1:], str(seeds())], one_input)
-    atheris.Fuzz()
+    main()
