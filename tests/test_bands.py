@@ -165,3 +165,21 @@ def test_a_tall_part_is_banded_in_time():
     started = time.process_time()
     assert len(banded(widths, 6, min_height_mm=1.0).ranges()) <= 6
     assert time.process_time() - started < 20
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_random_layers_by_brute_force(seed):
+    """Layers that differ in width, area and height by an order of magnitude: what is chosen is the best partition, so
+    neither heights nor areas are left out of what it costs.
+    """
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 10))
+    widths = widths_of(
+        rng.uniform(0.4, 1.2, n).round(2).tolist(),
+        heights=rng.choice([0.05, 0.1, 0.2, 0.4], n).tolist(),
+        area=rng.choice([1.0, 3.0, 10.0, 30.0], n).tolist(),
+    )
+    for count in (1, 2, 3, 4):
+        for height in (0.0, 0.15, 0.4):
+            chosen = banded(widths, count, min_height_mm=height)
+            assert bead_mm(widths, chosen.width_mm) == pytest.approx(best_of_all(widths, count, height))

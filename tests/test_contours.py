@@ -14,6 +14,7 @@ from scipy import ndimage
 from layerfix.errors import InputError
 from layerfix.layers.correction import correct
 from layerfix.mesh.slicing import slice_mesh
+from layerfix.outlines import contours
 from layerfix.outlines.contours import trace_contours
 from layerfix.stack import LayerStack
 from tests.making import thin_part
@@ -406,3 +407,62 @@ def test_a_tolerance_above_the_feature_would_undo_the_correction(stack):
     with pytest.raises(InputError, match=r"tolerance 0\.5 mm"):
         list(trace_contours(fixed, tolerance_mm=0.5))
     assert trace_contours(stack, tolerance_mm=0.5)[4].area > 0
+
+
+def ring(points: np.ndarray) -> contours.Rings:
+    """One closed ring."""
+    return contours.Rings(np.asarray(points, float), np.array([0, len(points)]), np.array([0]))
+
+
+def sides_from(points: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Signed distance of each side's line from `centre`, positive to its left."""
+    along = np.roll(points, -1, axis=0) - points
+    left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+    return ((centre - points) * left).sum(axis=1)
+
+
+@given(st.integers(4, 12), st.floats(0, 1), st.floats(0.8, 1.25), st.integers(0, 99), st.booleans())
+def test_a_ring_grows_by_the_same_at_every_side(corners, turn, growth, seed, is_hole):
+    """Any convex ring without sharp corners: each side moves by what is missing over the ring's length, its corners
+    along; a hole of a smaller area moves inwards as far.
+    """
+    rng = np.random.default_rng(seed)
+    angles = 2 * np.pi * (np.arange(corners) + turn + 0.2 * rng.random(corners)) / corners
+    points = 5 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if is_hole:
+        points = points[::-1]
+    before = ring(points)
+    area = before.areas()[0]
+    length = np.hypot(*(np.roll(points, -1, axis=0) - points).T).sum()
+    by = (growth - 1) * area / length
+    after = contours._grown(before, np.array([area * growth]))
+    moved = sides_from(after.points, np.zeros(2)) - sides_from(points, np.zeros(2))
+    assert moved == pytest.approx(np.full(corners, by), abs=1e-9)
+
+
+def test_several_rings_grow_each_by_its_own():
+    """A square that lacks area, one that has its own, and a hole: corners where they must be, to the digit."""
+    square = np.array([[0, 0], [10, 0], [10, 10], [0, 10]], float)
+    points = np.concatenate([square, square + 20, square[::-1] + 40])
+    rings = contours.Rings(points, np.array([0, 4, 8, 12]), np.array([0, 1]))
+    after = contours._grown(rings, np.array([108.0, 100.0, -96.0])).points
+    out = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    assert after[:4] == pytest.approx(square + 0.2 * out)
+    assert np.array_equal(after[4:8], square + 20)
+    assert after[8:] == pytest.approx((square - 0.1 * out)[::-1] + 40)
+
+
+def test_a_tip_does_not_shoot_away():
+    """At the tip of a needle the sides' lines meet far out; it moves by no more than about the sides do."""
+    needle = np.array([[0, -0.1], [10, 0], [0, 0.1]])
+    after = contours._grown(ring(needle), np.array([3.0]))
+    by = (3.0 - 1.0) / (0.2 + 2 * math.hypot(10, 0.1))
+    assert 0 < math.dist(after.points[1], needle[1]) < by
+
+
+@pytest.mark.parametrize("radius", [4.5, 6.0, 9.0])
+def test_small_discs_keep_their_area_closely(radius):
+    """Moving the sides once leaves what the corners make of it, some 0.1 % of a small disc; twice is enough."""
+    image = round_dot(radius, 31)
+    polygons = outlines(image, None, (1.0, 1.0))
+    assert polygons.area == pytest.approx(image.sum(), rel=2e-5)

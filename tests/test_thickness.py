@@ -8,6 +8,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from layerfix import LayerStack, correct, correct_image, meso_skeleton
+from layerfix.bits import pack
+from layerfix.layers.columns import bounding_box, to_columns, with_border
+from layerfix.layers.thickness import narrowest
 from tests import slow_twin
 from tests.pictures_as_text import block, framed, images, round_dot, strip
 
@@ -165,3 +168,24 @@ def test_a_path_one_pixel_wide_is_found(image, radius):
     assume(2 * radius <= 12)
     assert thinnest_mm(image, 2 * radius) == 1
     assert correct_image(image, radius)[2, 2]
+
+
+def measured(image: np.ndarray, limit_mm: float, pixel_mm: tuple[float, float]) -> float:
+    """The kernel alone: every pixel of `image` is a path, none is anchored."""
+    rows = pack(image)
+    columns = to_columns(rows, with_border(bounding_box(rows), 0, 0))
+    return float(narrowest(columns, columns, np.zeros_like(columns), limit_mm, *pixel_mm))
+
+
+@pytest.mark.parametrize("pixel_mm", [(1.0, 1.0), (0.5, 1.0), (1.0, 0.5), (0.019, 0.024)])
+@pytest.mark.parametrize("width", [1, 2, 3, 4, 7, 12, 31, 32, 62, 63, 64, 65, 90])
+def test_a_wall_hardly_narrower_than_the_limit_is_still_measured(width, pixel_mm):
+    """The look for the nearest void reaches far enough for any width below the limit, lying or standing; and it says
+    the limit where the wall is as wide as that, or wider.
+    """
+    px, py = pixel_mm
+    for image, across_mm in ((block(width, 300, 3), py), (block(300, width, 3), px)):
+        exact = width * across_mm
+        for above in (1e-6, 0.3 * across_mm, 0.999 * across_mm, 5 * across_mm):
+            assert measured(image, exact + above, pixel_mm) == pytest.approx(exact)
+        assert measured(image, exact - 1e-6, pixel_mm) == exact - 1e-6
