@@ -13,39 +13,50 @@ if TYPE_CHECKING:
 POINTS = types.Array(types.float64, 2, "C", readonly=True)
 TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
 IDS = types.Array(types.int64, 1, "C", readonly=True)
+KEYS = types.Array(types.uint64, 1, "C")
 EDGES = types.Array(types.int64, 2, "C", readonly=True)
 
 KEYS_PER_PX = 1024  # ends of segments closer than this are one point
 
 
 @njit
-def _mix(x):  # type: ignore[no-untyped-def]
+def mix(x):  # type: ignore[no-untyped-def]
     """A 64-bit finaliser (splitmix64): every input bit changes about half of the output."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
 
 
-@njit(types.boolean(POINTS, TRIANGLES), cache=True, nogil=True)
-def edges_balance(points, faces):  # type: ignore[no-untyped-def]
+@njit(KEYS(POINTS), cache=True, nogil=True)
+def vertex_keys(points):  # type: ignore[no-untyped-def]
+    """(n,) a hash of each vertex's place in steps of 1/1024, the same for vertices in the same place."""
+    keys = np.empty(points.shape[0], np.uint64)
+    for v in range(points.shape[0]):
+        h = np.uint64(0x9E3779B97F4A7C15)
+        for k in range(3):
+            h = mix(h ^ np.uint64(np.int64(np.round(points[v, k] * 1024.0)))) + np.uint64(k)
+        keys[v] = h
+    return keys
+
+
+@njit(types.boolean(KEYS, TRIANGLES), cache=True, nogil=True)
+def keys_balance(keys, faces):  # type: ignore[no-untyped-def]
+    """`edges_balance` of vertices known by their keys."""
+    total = np.uint64(0)
+    for t in range(faces.shape[0]):
+        for e in range(3):
+            a, b = keys[faces[t, e]], keys[faces[t, 0 if e == 2 else e + 1]]
+            total += mix(a + (b << np.uint64(1))) - mix(b + (a << np.uint64(1)))
+    return total == np.uint64(0)
+
+
+def edges_balance(points: NDArray[np.float64], faces: NDArray[np.int32]) -> bool:
     """True if every directed edge is matched by its reverse, that is, if the mesh is closed and oriented.
 
     Sums a hash of each directed edge minus the hash of its reverse, so that only unmatched edges remain;
     an open mesh passes with probability 2⁻⁶⁴. One pass, no sorting, no merging of vertices.
     """
-    total = np.uint64(0)
-    ids = np.empty(points.shape[0], np.uint64)
-    scale = 1024.0
-    for v in range(points.shape[0]):
-        h = np.uint64(0x9E3779B97F4A7C15)
-        for k in range(3):
-            h = _mix(h ^ np.uint64(np.int64(np.round(points[v, k] * scale)))) + np.uint64(k)
-        ids[v] = h
-    for t in range(faces.shape[0]):
-        for e in range(3):
-            a, b = ids[faces[t, e]], ids[faces[t, 0 if e == 2 else e + 1]]
-            total += _mix(a + (b << np.uint64(1))) - _mix(b + (a << np.uint64(1)))
-    return total == np.uint64(0)
+    return bool(keys_balance(vertex_keys(points), faces))
 
 
 @njit
