@@ -100,23 +100,35 @@ def _faces_to_flip(pairs, faces):  # type: ignore[no-untyped-def]
     return flip
 
 
+def vertex_numbers(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) numbers from 0, the same for vertices in the same place (in steps of 1/1024)."""
+    numbers: NDArray[np.int64] = np.unique(vertex_keys(points), return_inverse=True)[1].reshape(-1)
+    return numbers
+
+
+def undirected_edges(corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(m, 3) numbers of vertices → (3 m,) of each triangle's edges: a number for both ways; whether it runs upwards.
+
+    Edges from a vertex to itself are -1.
+    """
+    a, b = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
+    edges = np.minimum(a, b) * (int(a.max()) + 1) + np.maximum(a, b)
+    edges[a == b] = -1
+    return edges, a < b
+
+
 def orient(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.int32]:
     """Make neighbouring triangles agree which side is out, flipping the fewer of each connected patch.
 
     Neighbours share an edge that exactly two triangles use. A patch that is inside out as a whole stays so:
     it may be a cavity.
     """
-    _, ids = np.unique(np.round(points * KEYS_PER_PX).astype(np.int64), axis=0, return_inverse=True)
-    corners = ids.reshape(-1)[faces].astype(np.int64)
-    a = corners.reshape(-1)
-    b = np.roll(corners, -1, axis=1).reshape(-1)
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    order = np.lexsort((high, low))
-    low, high, forward = low[order], high[order], (a < b)[order]
-    face = order // 3
-    first = np.flatnonzero(np.concatenate([[True], (low[1:] != low[:-1]) | (high[1:] != high[:-1])]))
-    uses = np.diff(np.append(first, len(low)))
-    twice = first[(uses == 2) & (low[first] != high[first])]
+    edges, forward = undirected_edges(vertex_numbers(points)[faces])
+    order = np.argsort(edges, kind="stable")
+    edges, forward, face = edges[order], forward[order], order // 3
+    first = np.flatnonzero(np.concatenate([[True], edges[1:] != edges[:-1]]))
+    uses = np.diff(np.append(first, len(edges)))
+    twice = first[(uses == 2) & (edges[first] >= 0)]
     pairs = np.stack([face[twice], face[twice + 1], forward[twice] == forward[twice + 1]], axis=1)
     flip = _faces_to_flip(np.ascontiguousarray(pairs, np.int64), len(faces))
     return np.where(flip[:, None], faces[:, ::-1], faces)

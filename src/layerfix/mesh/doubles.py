@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit, types
 
-from layerfix.mesh.closing import KEYS, TRIANGLES, mix, orient, vertex_keys
+from layerfix.mesh.closing import KEYS, TRIANGLES, mix, orient, vertex_keys, vertex_numbers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -73,8 +73,7 @@ def without_doubles(points: NDArray[np.float64], faces: NDArray[np.int32]) -> ND
     keys = vertex_keys(points)
     if not any_doubles(keys, faces):
         return faces
-    _, ids = np.unique(keys, return_inverse=True)
-    corners = ids.reshape(-1)[faces].astype(np.int64)
+    corners = vertex_numbers(points)[faces]
     sound = (corners != np.roll(corners, -1, axis=1)).all(axis=1)
     groups, copies = _groups(corners)
     doubled = sound & (copies % 2 == 0)

@@ -65,7 +65,9 @@ def load_mesh(path: str | Path, *, unit: str | None = None, scale: float = 1.0) 
         read_in = unit or said or "mm"
         mm = mm_per_unit(read_in)
     except InputError as problem:
-        raise problem if str(path) in str(problem) else InputError(f"{path}: {problem}") from problem
+        if str(path) in str(problem):
+            raise
+        raise InputError(f"{path}: {str(problem).removeprefix(f'{path.name}: ')}") from problem
     except (ValueError, ArithmeticError, LookupError, EOFError, MemoryError, RecursionError) as problem:
         # What numpy, struct, json and zlib raise on a broken file; that they met it is all there is to say.
         reason = " ".join(str(problem).split()) or type(problem).__name__

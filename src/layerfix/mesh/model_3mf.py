@@ -6,6 +6,7 @@ triangles take 0.5 s and no more memory than their numbers.
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -236,8 +237,8 @@ class _Reader:
         if not given.get("transform"):
             return Use(part, object_id)
         matrix = tuple(map(float, given["transform"].split()))
-        if len(matrix) != 12:
-            raise InputError(f"a transform has {len(matrix)} numbers; it has 12")
+        if len(matrix) != 12 or not all(map(math.isfinite, matrix)):
+            raise InputError(f"a transform is '{given['transform'][:60]}'; it is 12 numbers")
         return Use(part, object_id, matrix)
 
     def _beamlattice(self, attributes: list[str]) -> None:

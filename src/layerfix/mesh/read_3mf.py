@@ -30,6 +30,7 @@ MOST_COPIED, MOST_COPIES = (
     10_000_000,
     100,
 )  # triangles, and how many times those in the file, before copies are a trap
+IDLE = "negative volume with nothing before it to cut", "negative volumes with nothing before them to cut"
 SOLID_TYPES = ("model", "solidsupport")  # section 4.1: the others must not be filled
 
 Points = NDArray[np.float64]
@@ -166,7 +167,7 @@ class _File:
         self._sizes: dict[tuple[str, str], int | None] = {}
         self._used: Counter[tuple[str, str]] = Counter()
         self._built: dict[tuple[str, str], _Solid] = {}
-        self._left_out: Counter[str] = Counter()
+        self._left_out: Counter[tuple[str, str, str]] = Counter()  # (words before, one, many)
         self._root = self._package.root()
         self.unit = self._model(self._root).unit
 
@@ -181,8 +182,7 @@ class _File:
 
     def notes(self) -> list[str]:
         """What was left out, and what the file recommends in vain."""
-        notes = [f"{what.format(several=several(count, 'object'))} left out" if "{" in what
-                 else f"{several(count, what)} left out" for what, count in self._left_out.items()]  # fmt: skip
+        notes = [f"{before}{several(n, one, many)} left out" for (before, one, many), n in self._left_out.items()]
         for model in self._models.values():
             if model.hidden:
                 notes.append(f"{several(model.hidden, 'item')} marked as not printable left out")
@@ -233,7 +233,8 @@ class _File:
         places: dict[tuple[str, str], list[tuple[float, ...]]] = {}
         for use in uses:
             places.setdefault((use.part, use.object_id), []).append(use.matrix)
-        matrices = {key: np.array(each, np.float64).reshape(-1, 4, 3) for key, each in places.items()}
+        # The same object in the same place twice is there once.
+        matrices = {key: np.array(list(dict.fromkeys(each))).reshape(-1, 4, 3) for key, each in places.items()}
         return [self._object(key).placed(each) for key, each in matrices.items()]
 
     def _object(self, key: tuple[str, str]) -> _Solid:
@@ -243,10 +244,10 @@ class _File:
         found = self._find(key)
         volumes = self._settings.get(key[1], Volumes()) if key[0] == self._root else Volumes()
         if found.kind in SOLID_TYPES:
-            self._left_out.update({f"{extension_name(uri)} of {{several}}": 1 for uri in found.foreign})
+            self._left_out.update((f"{extension_name(uri)} of ", "object", "objects") for uri in found.foreign)
             solid = self._combined([*self._own(key, found, volumes), *self._of_components(found, volumes)])
         else:
-            self._left_out[f"object of type '{found.kind[:40]}'"] += 1
+            self._left_out["", f"object of type '{found.kind[:40]}'", f"objects of type '{found.kind[:40]}'"] += 1
             solid = _Solid()
         if self._used[key] > 1:
             self._built[key] = solid
@@ -277,7 +278,8 @@ class _File:
             shape, short = solid_beams(found.points, found.lattice, mm)
         except InputError as problem:
             raise unreadable(self._path, "3MF", str(problem)) from problem
-        self._left_out.update({"beam shorter than the least length": short} if short else {})
+        if short:
+            self._left_out["", "beam shorter than minlength", "beams shorter than minlength"] += short
         mode, clip_id = found.lattice.clip
         if mode == "none":
             return _Solid(united=_Shape(*shape))
@@ -311,10 +313,14 @@ class _File:
             kind, solid = pieces[k]
             if kind == NEGATIVE:
                 if not any(before == SOLID for before, _ in pieces[:k]):
-                    self._left_out["negative volume with nothing before it to cut"] += 1
+                    self._left_out[
+                        "",
+                        "negative volume with nothing before it to cut",
+                        "negative volumes with nothing before them to cut",
+                    ] += 1
                 negatives.append(solid.all_triangles())
             elif kind == SOLID:
                 solids.append(solid.without(_joined(negatives)))
             else:
-                self._left_out[kind] += 1
+                self._left_out["", kind, f"{kind}s"] += 1
         return _union(reversed(solids))
