@@ -89,7 +89,7 @@ def _document(path: Path, data: bytes) -> tuple[dict[str, Any], bytes | None, li
                 binary = data[at + 8 : at + 8 + size]
             at += 8 + size + (-size) % 4
         if length < len(data):
-            notes.append(f"{several(len(data) - length, 'byte')} after the end were not read")
+            notes.append(f"{several(len(data) - length, 'byte')} after the end left out")
     try:
         document = json.loads(text.decode("utf-8-sig"))
     except (ValueError, RecursionError) as problem:

@@ -45,9 +45,8 @@ def read(path: Path) -> Read:
     triangles = fans(np.frombuffer(counts, np.int64), np.frombuffer(corners, np.int64))
     vertices = np.frombuffer(points).reshape(-1, 3)
     notes = [f"{several(count, kind)} left out" for kind, count in left_out.items()]
-    if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
-        wrong = triangles.min() if triangles.min() < 0 else triangles.max()
-        raise unreadable(path, "OBJ", f"a face names vertex {wrong + 1} of {len(vertices)}")
+    if len(triangles) and triangles.max() >= len(vertices):
+        raise unreadable(path, "OBJ", f"a face names vertex {triangles.max() + 1} of {len(vertices)}")
     return Read(Mesh(vertices, triangles.astype(np.int32), path.name, tuple(notes)), None)
 
 
@@ -67,13 +66,17 @@ def _parse(path: Path, file: BinaryIO) -> tuple[array[float], array[int], array[
                 vertices = len(points) // 3
                 for word in words[1:]:
                     index = int(word.partition(b"/")[0])
-                    corners.append(index - 1 if index > 0 else vertices + index if index else vertices)
+                    if not index or index < -vertices:
+                        raise unreadable(path, "OBJ", f"line {number} names vertex {index} of {vertices}, from 1")
+                    corners.append(index - 1 if index > 0 else vertices + index)
                 counts.append(len(words) - 1)
             elif words[0] in LEFT_OUT:
                 left_out[LEFT_OUT[words[0]]] += 1
         except (ValueError, OverflowError) as problem:
             wrong = next((w for w in words[1:] if not is_number(w.partition(b"/")[0])), None)
-            reason = "is not complete" if wrong is None else f"has '{shown(wrong)}', which is no number"
+            reason = (
+                f"has '{shown(wrong)}', which is no number" if wrong else "is not complete, or a number is too large"
+            )
             raise unreadable(path, "OBJ", f"line {number} {reason}") from problem
     return points, counts, corners, left_out
 

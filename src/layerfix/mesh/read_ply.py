@@ -89,7 +89,7 @@ def read(path: Path) -> Read:
         raise unreadable(path, "PLY", f"a face names vertex {wrong} of {len(vertices)}")
     notes = [f"{several(few, 'face')} of fewer than three corners left out"] if few else []
     if body.left():
-        notes.append(f"{body.left()} after the last element were not read")
+        notes.append(f"{body.left()} after the last element left out")
     return Read(Mesh(vertices, faces.astype(np.int32), path.name, tuple(notes)), None)
 
 

@@ -106,7 +106,7 @@ def _solids(path: Path, file: BinaryIO, size: int) -> tuple[list[tuple[int, int]
                 return [*solids, (start + PREAMBLE, there)], [note]
             if not says:
                 raise unreadable(path, "STL", f"it says 0 triangles and goes on for {size - start - PREAMBLE} bytes")
-            note = f"{size - after} bytes after the last triangle were not read"
+            note = f"{several(size - after, 'byte')} after the last triangle left out"
             return [*solids, (start + PREAMBLE, says)], [note]
         if left or not there:
             raise unreadable(path, "STL", f"cut short: it says {says} triangles, and {there} are whole")
