@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from layerfix.errors import InputError
 from layerfix.files import reading
 from layerfix.mesh.reading import HEAD_BYTES, Read, unreadable
@@ -61,7 +63,8 @@ def load_mesh(path: str | Path, *, unit: str | None = None, scale: float = 1.0) 
         raise InputError(f"scale {scale}: it must be above 0")
     kind = recognised(path)
     try:
-        mesh, said = kind.read(path)
+        with np.errstate(all="ignore"):  # vertices at infinity: refused by Mesh, not warned of
+            mesh, said = kind.read(path)
         read_in = unit or said or "mm"
         mm = mm_per_unit(read_in)
     except InputError as problem:

@@ -93,13 +93,7 @@ def extension_name(uri: str, prefix: str = "") -> str:
 def parse_model(pieces: Iterable[bytes], part: str) -> Model:
     """The model in a file given piece by piece. Raises InputError for what is no model, or needs what is not read."""
     reader = _Reader(part)
-    parser = expat.ParserCreate(namespace_separator=" ")
-    parser.ordered_attributes = True
-    parser.buffer_text = True
-    parser.StartNamespaceDeclHandler = reader.namespace
-    parser.StartElementHandler = reader.start
-    parser.EndElementHandler = reader.end
-    parser.StartDoctypeDeclHandler = _no_doctype
+    parser = reader.parser
     silence = 0
     try:
         for piece in pieces:
@@ -109,6 +103,7 @@ def parse_model(pieces: Iterable[bytes], part: str) -> Model:
             if silence > LONGEST_SILENCE:
                 raise InputError(f"{part} goes on for 16 MB without an element")
         parser.Parse(b"", True)
+        reader.close_object()
     except expat.ExpatError as problem:
         raise InputError(f"{part} is broken ({problem})") from problem
     if not reader.core:
@@ -128,38 +123,51 @@ class _Reader:
         self._part = part
         self._prefixes: dict[str, str] = {}
         self._starts: dict[str, Callable[[list[str]], None]] = {}
-        self._object_name = ""
+        self._vertex_name = self._triangle_name = ""
         self._current: Object | None = None
         self._points, self._corners = array("d"), array("q")
-        self._strange = 0  # depth within an element of an extension that is not read
+        self._depth = 0  # within an element of an extension that is not read
+        self.parser = expat.ParserCreate(namespace_separator=" ")
+        self.parser.ordered_attributes = True
+        self.parser.StartNamespaceDeclHandler = self._namespace
+        self.parser.StartElementHandler = self._start
+        self.parser.StartDoctypeDeclHandler = _no_doctype
 
-    def namespace(self, prefix: str | None, uri: str | None) -> None:
+    def _namespace(self, prefix: str | None, uri: str | None) -> None:
         """What a prefix stands for; `requiredextensions` speaks in prefixes."""
         self._prefixes.setdefault(prefix or "", uri or "")
 
-    def start(self, name: str, attributes: list[str]) -> None:
-        """The beginning of an element."""
+    def _start(self, name: str, given: list[str]) -> None:
+        """The beginning of an element. The two that come by the million are first, and are not handed on."""
         self.elements += 1
-        handler = self._starts.get(name)
-        if self._strange:
-            self._strange += 1
-        elif handler is not None:
-            handler(attributes)
+        if name == self._triangle_name and given[:6:2] == V123:
+            self._corners.extend((int(given[1]), int(given[3]), int(given[5])))
+        elif name == self._vertex_name and given[::2] == XYZ:
+            self._points.extend((float(given[1]), float(given[3]), float(given[5])))
+        elif (handler := self._starts.get(name)) is not None:
+            handler(given)
         elif not self.core:
-            self._root(name, attributes)
+            self._root(name, given)
         else:
             uri = name.rpartition(" ")[0]
             if uri != self.core and not uri.startswith(READ):
-                self._strange = 1
-                if self._current is not None:
-                    self._current.foreign[uri] += 1
+                self._enter_strange(uri)
 
-    def end(self, name: str) -> None:
-        """The end of an element."""
-        if self._strange:
-            self._strange -= 1
-        elif name == self._object_name:
-            self._close_object()
+    def _enter_strange(self, uri: str) -> None:
+        """Into an element of an extension that is not read: until its end, nothing counts."""
+        if self._current is not None:
+            self._current.foreign[uri] += 1
+        self._depth = 1
+        self.parser.StartElementHandler, self.parser.EndElementHandler = self._strange_start, self._strange_end
+
+    def _strange_start(self, name: str, given: list[str]) -> None:
+        self.elements += 1
+        self._depth += 1
+
+    def _strange_end(self, name: str) -> None:
+        self._depth -= 1
+        if not self._depth:
+            self.parser.StartElementHandler, self.parser.EndElementHandler = self._start, None
 
     def _root(self, name: str, attributes: list[str]) -> None:
         uri, _, local = name.rpartition(" ")
@@ -167,7 +175,7 @@ class _Reader:
             raise InputError(f"{self._part} is no 3D model; it begins with <{local[:40]}>")
         self.core = uri or "none"
         core = f"{uri} " if uri else ""
-        self._object_name = f"{core}object"
+        self._vertex_name, self._triangle_name = f"{core}vertex", f"{core}triangle"
         self._starts = {
             f"{core}object": self._open_object, f"{core}vertex": self._vertex, f"{core}triangle": self._triangle,
             f"{core}component": self._component, f"{core}item": self._item, f"{BEAMS} beamlattice": self._beamlattice,
@@ -186,6 +194,7 @@ class _Reader:
         self.model.recommended = [uri for uri in recommended if not uri.startswith(READ)]
 
     def _open_object(self, attributes: list[str]) -> None:
+        self.close_object()
         given = _given(attributes)
         self._current = Object(given.get("type") or "model")
         object_id = given.get("id", "")
@@ -197,7 +206,8 @@ class _Reader:
             uri for name in given if (uri := name.rpartition(" ")[0]).startswith(f"{MS}slice/")
         )
 
-    def _close_object(self) -> None:
+    def close_object(self) -> None:
+        """Where the next object begins, and at the end: that takes a call less for each element than its own end."""
         found, self._current = self._current, None
         if found is None:
             return
@@ -210,16 +220,12 @@ class _Reader:
             found.points, found.faces = points, corners.astype(np.int32).reshape(-1, 3)
 
     def _vertex(self, attributes: list[str]) -> None:
-        if attributes[::2] != XYZ:
-            given = _given(attributes)
-            attributes = [word for name in XYZ for word in (name, given.get(name, ""))]
-        self._points.extend((float(attributes[1]), float(attributes[3]), float(attributes[5])))
+        given = _given(attributes)
+        self._points.extend(float(given[name]) for name in XYZ)
 
     def _triangle(self, attributes: list[str]) -> None:
-        if attributes[:6:2] != V123:
-            given = _given(attributes)
-            attributes = [word for name in V123 for word in (name, given.get(name, ""))]
-        self._corners.extend((int(attributes[1]), int(attributes[3]), int(attributes[5])))
+        given = _given(attributes)
+        self._corners.extend(int(given[name]) for name in V123)
 
     def _component(self, attributes: list[str]) -> None:
         if self._current is not None:

@@ -81,7 +81,7 @@ class Package:
             with self._zip.open(info) as stream:
                 while piece := stream.read(PIECE):
                     yield piece
-        except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError) as problem:
+        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError) as problem:
             raise unreadable(self.path, "3MF", f"its file {name} is damaged ({problem})") from problem
 
     def xml(self, name: str) -> ElementTree.Element:

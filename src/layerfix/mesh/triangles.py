@@ -141,6 +141,11 @@ class Mesh:
         return x, y, z
 
     @property
+    def is_clipped(self) -> bool:
+        """Whether some of the triangles' volume is cut away: then they alone are not the part."""
+        return any(part.clips for part in self.parts)
+
+    @property
     def volume_mm3(self) -> float:
         """Signed volume of all triangles: negative when the mesh is inside out; overlapping bodies count twice.
 
@@ -188,7 +193,7 @@ def save_stl(path: str | Path, mesh: Mesh, *, force: bool = False) -> None:
 
     Raises OutputError for an existing `path` without `force`, what the system refuses, and a mesh with clipped parts.
     """
-    if any(part.clips for part in mesh.parts):
+    if mesh.is_clipped:
         raise OutputError(
             f"{path}: {mesh.name} has volumes that are cut out, and STL holds surfaces alone; slice it,"
             " and write the layers' surface"
