@@ -95,14 +95,21 @@ def recognised(path: Path) -> MeshKind:
         raise InputError(f"{path}: is a device or a pipe; a mesh is a file")
     with reading(path), path.open("rb") as file:
         head, size = file.read(HEAD_BYTES), path.stat().st_size
-    suffix = path.suffix.lower()
-    by_name = next((kind for kind in KINDS if suffix in kind.suffixes), None)
-    if by_name is not None and by_name.recognises(head, size):
-        return by_name
-    by_content = next((kind for kind in KINDS if kind is not by_name and kind.recognises(head, size)), None)
-    if by_content or by_name:
-        return by_content or by_name  # type: ignore[return-value]  # one of them is
-    raise InputError(f"{path}: '{path.suffix}' is not a mesh; known are {' '.join(SUFFIXES)}")
+    found = kind_by_content(head, size, path.suffix) or _kind_by_name(path.suffix)
+    if found is None:
+        raise InputError(f"{path}: '{path.suffix}' is not a mesh; known are {' '.join(SUFFIXES)}")
+    return found
+
+
+def kind_by_content(head: bytes, size: int, suffix: str) -> MeshKind | None:
+    """What a file of `size` bytes that begins with `head` is; if it may be several, what it is called; or None."""
+    by_name = _kind_by_name(suffix)
+    asked = [kind for kind in (by_name, *KINDS) if kind is not None]
+    return next((kind for kind in asked if kind.recognises(head, size)), None)
+
+
+def _kind_by_name(suffix: str) -> MeshKind | None:
+    return next((kind for kind in KINDS if suffix.lower() in kind.suffixes), None)
 
 
 def _check_plausible(mesh: Mesh, path: Path, read_in: str, scale: float) -> None:

@@ -19,7 +19,6 @@ from layerfix.errors import InputError
 from layerfix.files import reading
 from layerfix.mesh.reading import LONGEST_NUMBER, MOST_TRIANGLES, Read, is_number, several, shown, unreadable
 from layerfix.mesh.triangles import STL_RECORD, Mesh
-from layerfix.mesh.weld import Welder
 
 PREAMBLE = 84  # bytes before the first triangle
 RECORDS = 1 << 17  # of a binary file that are held at once: 6.5 MB
@@ -65,6 +64,8 @@ def read(path: Path) -> Read:
 
 def _read_binary(path: Path, file: BinaryIO, size: int) -> tuple[NDArray[np.float64], NDArray[np.int32], list[str]]:
     file.seek(0)
+    from layerfix.mesh.weld import Welder  # brings numba, which to recognise a file takes not
+
     solids, notes = _solids(path, file, size)
     total = sum(count for _, count in solids)
     if total > MOST_TRIANGLES:
