@@ -170,7 +170,7 @@ class _Words:
         self._at += len(table)
         rows = table.reshape(element.number, width)
         length = dict(counted)[place]
-        return np.full(element.number, length), _whole(rows[:, place + 1 : place + 1 + length])
+        return np.full(element.number, length, np.int64), _whole(rows[:, place + 1 : place + 1 + length])
 
     def _one_by_one(self, element: Element, name: str) -> Lists:
         counts, values = self._walk(element, ())[1][name]
