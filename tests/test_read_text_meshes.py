@@ -264,10 +264,3 @@ def test_strips_and_fans():
     assert strips_to_triangles(np.array([0, 1, 2, 2, 4, 4, 5, 6])).tolist() == [[0, 1, 2], [5, 4, 6]]
     assert fan_to_triangles(np.array([7, 1, 2, 3])).tolist() == [[7, 1, 2], [7, 2, 3]]
     assert len(strips_to_triangles(np.array([1, 2]))) == len(fan_to_triangles(np.array([1, 2]))) == 0
-
-
-def test_a_list_longer_than_any_number(tmp_path):
-    """No faces, and after the vertices a number of forty digits: no face, and no traceback."""
-    text = ply("ascii", []) + b"9" * 40 + b"\n"
-    with pytest.raises(InputError, match=r"part\.ply"):
-        loaded(tmp_path / "part.ply", text)

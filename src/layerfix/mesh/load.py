@@ -71,8 +71,9 @@ def load_mesh(path: str | Path, *, unit: str | None = None, scale: float = 1.0) 
         if str(path) in str(problem):
             raise
         raise InputError(f"{path}: {str(problem).removeprefix(f'{path.name}: ')}") from problem
-    except (ValueError, ArithmeticError, LookupError, EOFError, MemoryError, RecursionError) as problem:
-        # What numpy, struct, json and zlib raise on a broken file; that they met it is all there is to say.
+    except (ValueError, TypeError, ArithmeticError, LookupError, EOFError, MemoryError, RecursionError) as problem:
+        # What numpy, struct, json and zlib raise on a broken file (a TypeError: numbers that no array holds); that
+        # they met it is all there is to say.
         reason = " ".join(str(problem).split()) or type(problem).__name__
         raise unreadable(path, kind.name, reason[:160]) from problem
     if mm * scale != 1:
