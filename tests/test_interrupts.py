@@ -124,7 +124,9 @@ main()
 
 
 @every_signal
-@pytest.mark.parametrize("module", ["layerfix.commands.fix", "numba", "llvmlite", "trimesh", "networkx", "lxml"])
+@pytest.mark.parametrize(
+    "module", ["layerfix.commands.fix", "numba", "llvmlite", "layerfix.mesh.load", "layerfix.mesh.weld"]
+)
 def test_a_signal_while_the_program_is_still_loading_is_not_lost(tmp_path, name, module):
     """Loading takes longer than small parts do. Some libraries swallow whatever their imports raise: a Ctrl-C at
     that moment must still end the program, without an output and without a traceback.

@@ -348,7 +348,7 @@ def test_a_3mf_with_an_unknown_unit_and_a_bad_model(tmp_path):
     with pytest.raises(InputError, match=r"a\.3mf.*league"):
         load_mesh(path)
     path = write_3mf(tmp_path / "b.3mf", model_xml(UNIT_CUBE, '<item objectid="1"/>')[:-40])
-    with pytest.raises(InputError, match=r"b\.3mf: not a readable \.3mf mesh"):
+    with pytest.raises(InputError, match=r"b\.3mf: not a readable 3MF mesh: /3D/3dmodel\.model is broken"):
         load_mesh(path)
 
 
@@ -433,14 +433,6 @@ def test_a_file_that_is_cut_short_is_refused(tmp_path, suffix, share):
         return  # OBJ has no count of faces and no end: what is there is a valid file
     with pytest.raises(InputError, match=f"part{suffix}"):
         load_mesh(tmp_path / f"part{suffix}")
-
-
-def test_an_ascii_stl_that_is_cut_short_is_refused(tmp_path):
-    """Without its endsolid the file is not whole."""
-    text = as_trimesh(sphere(20, 40, 20)).export(file_type="stl_ascii")
-    (tmp_path / "part.stl").write_text(text[: len(text) // 2])
-    with pytest.raises(InputError, match=r"part\.stl"):
-        load_mesh(tmp_path / "part.stl")
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

@@ -14,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from layerfix.errors import InputError
+from layerfix.mesh.load import load_mesh
 from layerfix.mesh.slicing import slice_mesh
-from layerfix.mesh.triangles import Mesh, load_mesh
+from layerfix.mesh.triangles import Mesh
 from tests.making import (
     box,
     chosen_faces,
@@ -178,6 +179,8 @@ def test_unions_of_boxes_are_what_their_voxels_are(blocks, step, fill):
     """Boxes on half pixels and half layers, overlapping, touching, some inside out: the winding number of each
     pixel's centre, counted in numpy, decides. A side that passes through centres belongs to one pixel only.
     """
+    if any((*b[:3], not b[3]) in blocks for b in blocks):
+        return  # a box and the same box inside out are a box drawn on both sides, see test_doubles.py
     corners = [(np.array([s for s, _ in b[:3]]), np.array([s + n for s, n in b[:3]]), b[3]) for b in blocks]
     bodies = [box(low * step / 2, high * step / 2) for low, high, _ in corners]
     mesh = joined(*(inside_out(m) if flip else m for m, (_, _, flip) in zip(bodies, corners, strict=True)))

@@ -17,7 +17,7 @@ _HOME = {
     "Printer": "printers",
     "load_printer": "printers",
     "Mesh": "mesh.triangles",
-    "load_mesh": "mesh.triangles",
+    "load_mesh": "mesh.load",
     "slice_mesh": "mesh.slicing",
     "meso_skeleton": "layers.skeleton",
     "correct": "layers.correction",
@@ -74,8 +74,9 @@ if TYPE_CHECKING:
     from layerfix.layers.correction import correct, correct_image
     from layerfix.layers.skeleton import meso_skeleton
     from layerfix.layers.widths import Widths, suggest_widths
+    from layerfix.mesh.load import load_mesh
     from layerfix.mesh.slicing import slice_mesh
-    from layerfix.mesh.triangles import Mesh, load_mesh
+    from layerfix.mesh.triangles import Mesh
     from layerfix.outlines.contours import Contours, trace_contours
     from layerfix.printers import Printer, load_printer
     from layerfix.stack import Layer, LayerStack

@@ -26,6 +26,8 @@ MM_PER_UNIT = {
 }
 _LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d]*)\s*")
 
+_SCALE = re.compile(r"\s*(\d{0,20}\.?\d{1,20}|\d{1,20}\.)\s*(?:(%)|:\s*(\d{0,20}\.?\d{1,20}))?\s*")
+
 
 def mm_per_unit(name: str) -> float:
     """Millimetres in one `name` (``mm``, ``um``, ``in``, ``m`` …; plurals and capitals are understood)."""
@@ -62,6 +64,22 @@ def parse_length_mm(text: str) -> float:
     if not (math.isfinite(value_mm) and value_mm > 0):
         raise InputError(f"'{text}' is not a usable length: it must be above 0")
     return value_mm
+
+
+def parse_scale(text: str) -> float:
+    """``"1:87"`` → 1/87, ``"50%"`` → 0.5, ``"2"`` → 2.0: how many times as large a part becomes.
+
+    Raises InputError for anything else and for scales that are not above 0.
+    """
+    match = _SCALE.fullmatch(text)
+    if not match:
+        raise InputError(f"'{text}' is not a scale: write 1:87, 50% or a number such as 2 or 0.5")
+    number, per_cent, over = match.groups()
+    share = float(number) * (0.01 if per_cent else 1.0)
+    value = share / float(over) if over and float(over) else share if over is None else math.inf
+    if not 0 < value < math.inf:
+        raise InputError(f"'{text}' is not a usable scale: it must be above 0")
+    return value
 
 
 def format_mm(value_mm: float) -> str:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layerfix.mesh.triangles import Mesh, load_mesh
+from layerfix.mesh.load import load_mesh
+from layerfix.mesh.triangles import Mesh
 from layerfix.samples import shapes
 from tests.making import SHARED
 

@@ -12,7 +12,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from layerfix.mesh.triangles import Mesh, load_mesh, save_stl
+from layerfix.mesh.load import load_mesh
+from layerfix.mesh.triangles import Mesh, save_stl
 from tests.making import run_layerfix
 from tests.slicers.gcode import read_beads
 from tests.slicers.metric import Measures, measure

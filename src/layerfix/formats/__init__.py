@@ -241,5 +241,5 @@ def load_kernels(path: Path) -> None:
 def read_mesh(path: Path, **options: Any) -> Mesh:
     """The mesh in a file that `find_format` says holds one."""
     found, _ = find_format(path)
-    mesh: Mesh = function(found.mesh or "layerfix.mesh.triangles:load_mesh")(path, **options)
+    mesh: Mesh = function(found.mesh or "layerfix.mesh.load:load_mesh")(path, **options)
     return mesh

@@ -114,7 +114,7 @@ def _is_3mf(probe: Probe) -> bool:
     return is_zip_with("[content_types].xml")(probe) and any(n.lower().endswith(".model") for n in probe.entries)
 
 
-_MESH = "layerfix.mesh.triangles:load_mesh"
+_MESH = "layerfix.mesh.load:load_mesh"
 _IMAGES = "layerfix.formats.png.images"
 _VECTOR = "layerfix.formats.vector"
 _MODEL = "layerfix.formats.solid.model"

@@ -13,39 +13,50 @@ if TYPE_CHECKING:
 POINTS = types.Array(types.float64, 2, "C", readonly=True)
 TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
 IDS = types.Array(types.int64, 1, "C", readonly=True)
+KEYS = types.Array(types.uint64, 1, "C")
 EDGES = types.Array(types.int64, 2, "C", readonly=True)
 
 KEYS_PER_PX = 1024  # ends of segments closer than this are one point
 
 
 @njit
-def _mix(x):  # type: ignore[no-untyped-def]
+def mix(x):  # type: ignore[no-untyped-def]
     """A 64-bit finaliser (splitmix64): every input bit changes about half of the output."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
 
 
-@njit(types.boolean(POINTS, TRIANGLES), cache=True, nogil=True)
-def edges_balance(points, faces):  # type: ignore[no-untyped-def]
+@njit(KEYS(POINTS), cache=True, nogil=True)
+def vertex_keys(points):  # type: ignore[no-untyped-def]
+    """(n,) a hash of each vertex's place in steps of 1/1024, the same for vertices in the same place."""
+    keys = np.empty(points.shape[0], np.uint64)
+    for v in range(points.shape[0]):
+        h = np.uint64(0x9E3779B97F4A7C15)
+        for k in range(3):
+            h = mix(h ^ np.uint64(np.int64(np.round(points[v, k] * 1024.0)))) + np.uint64(k)
+        keys[v] = h
+    return keys
+
+
+@njit(types.boolean(KEYS, TRIANGLES), cache=True, nogil=True)
+def keys_balance(keys, faces):  # type: ignore[no-untyped-def]
+    """`edges_balance` of vertices known by their keys."""
+    total = np.uint64(0)
+    for t in range(faces.shape[0]):
+        for e in range(3):
+            a, b = keys[faces[t, e]], keys[faces[t, 0 if e == 2 else e + 1]]
+            total += mix(a + (b << np.uint64(1))) - mix(b + (a << np.uint64(1)))
+    return total == np.uint64(0)
+
+
+def edges_balance(points: NDArray[np.float64], faces: NDArray[np.int32]) -> bool:
     """True if every directed edge is matched by its reverse, that is, if the mesh is closed and oriented.
 
     Sums a hash of each directed edge minus the hash of its reverse, so that only unmatched edges remain;
     an open mesh passes with probability 2⁻⁶⁴. One pass, no sorting, no merging of vertices.
     """
-    total = np.uint64(0)
-    ids = np.empty(points.shape[0], np.uint64)
-    scale = 1024.0
-    for v in range(points.shape[0]):
-        h = np.uint64(0x9E3779B97F4A7C15)
-        for k in range(3):
-            h = _mix(h ^ np.uint64(np.int64(np.round(points[v, k] * scale)))) + np.uint64(k)
-        ids[v] = h
-    for t in range(faces.shape[0]):
-        for e in range(3):
-            a, b = ids[faces[t, e]], ids[faces[t, 0 if e == 2 else e + 1]]
-            total += _mix(a + (b << np.uint64(1))) - _mix(b + (a << np.uint64(1)))
-    return total == np.uint64(0)
+    return bool(keys_balance(vertex_keys(points), faces))
 
 
 @njit
@@ -89,23 +100,35 @@ def _faces_to_flip(pairs, faces):  # type: ignore[no-untyped-def]
     return flip
 
 
+def vertex_numbers(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) numbers from 0, the same for vertices in the same place (in steps of 1/1024)."""
+    numbers: NDArray[np.int64] = np.unique(vertex_keys(points), return_inverse=True)[1].reshape(-1)
+    return numbers
+
+
+def undirected_edges(corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(m, 3) numbers of vertices → (3 m,) of each triangle's edges: a number for both ways; whether it runs upwards.
+
+    Edges from a vertex to itself are -1.
+    """
+    a, b = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
+    edges = np.minimum(a, b) * (int(a.max()) + 1) + np.maximum(a, b)
+    edges[a == b] = -1
+    return edges, a < b
+
+
 def orient(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.int32]:
     """Make neighbouring triangles agree which side is out, flipping the fewer of each connected patch.
 
     Neighbours share an edge that exactly two triangles use. A patch that is inside out as a whole stays so:
     it may be a cavity.
     """
-    _, ids = np.unique(np.round(points * KEYS_PER_PX).astype(np.int64), axis=0, return_inverse=True)
-    corners = ids.reshape(-1)[faces].astype(np.int64)
-    a = corners.reshape(-1)
-    b = np.roll(corners, -1, axis=1).reshape(-1)
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    order = np.lexsort((high, low))
-    low, high, forward = low[order], high[order], (a < b)[order]
-    face = order // 3
-    first = np.flatnonzero(np.concatenate([[True], (low[1:] != low[:-1]) | (high[1:] != high[:-1])]))
-    uses = np.diff(np.append(first, len(low)))
-    twice = first[(uses == 2) & (low[first] != high[first])]
+    edges, forward = undirected_edges(vertex_numbers(points)[faces])
+    order = np.argsort(edges, kind="stable")
+    edges, forward, face = edges[order], forward[order], order // 3
+    first = np.flatnonzero(np.concatenate([[True], edges[1:] != edges[:-1]]))
+    uses = np.diff(np.append(first, len(edges)))
+    twice = first[(uses == 2) & (edges[first] >= 0)]
     pairs = np.stack([face[twice], face[twice + 1], forward[twice] == forward[twice + 1]], axis=1)
     flip = _faces_to_flip(np.ascontiguousarray(pairs, np.int64), len(faces))
     return np.where(flip[:, None], faces[:, ::-1], faces)

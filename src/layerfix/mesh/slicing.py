@@ -22,6 +22,7 @@ from numba import njit, types
 from layerfix.bits import ALL, WORK, words_for
 from layerfix.errors import InputError
 from layerfix.mesh.closing import close_gaps, edges_balance, orient
+from layerfix.mesh.doubles import without_doubles
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import Gaps, Layer, LayerStack, layer_bounds_mm, pitch_mm
 from layerfix.units import format_mm
@@ -34,6 +35,7 @@ FILLS: dict[Fill, int] = {"even_odd": 0, "nonzero": 1, "positive": 2}
 SNAP_PER_PX = 1024
 SLAB_LAYERS = 16  # layers that share one list of triangles: 4 % of the memory of a list per layer
 MAX_FRAME_PX = 2**31
+CHUNK = 1 << 20  # vertices that are put on the grid at once: 24 MB
 
 POINTS = types.Array(types.float64, 2, "C", readonly=True)
 TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
@@ -41,6 +43,18 @@ INDICES = types.Array(types.int32, 1, "C", readonly=True)
 STARTS = types.Array(types.int64, 1, "C", readonly=True)
 HEIGHTS = types.Array(types.float64, 1, "C", readonly=True)
 SEGMENTS = types.Array(types.float64, 2, "C")
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Where layers and pixels are."""
+
+    pitch: tuple[float, float]
+    origin: tuple[float, float]
+    shape: tuple[int, int]  # of packed rows
+    width: int
+    lowest_mm: float  # z of the part's lowest point, which becomes 0
+    z_mm: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +73,15 @@ class _Cutter:
         chosen = self.slab_faces[self.slab_starts[slab] : self.slab_starts[slab + 1]]
         segments: NDArray[np.float64] = cut(self.points, self.faces, chosen, self.planes[index])
         return segments
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A surface that is filled on its own, and (surface, whether its inside is kept) of each that bounds it."""
+
+    cutter: _Cutter
+    rule: int
+    clips: tuple[tuple[_Cutter, bool], ...]
 
 
 @njit(types.UniTuple(types.int64, 2)(HEIGHTS, types.float64, types.float64), cache=True, nogil=True)
@@ -214,7 +237,8 @@ def slice_mesh(
                     "positive" (only shells that face outwards are solid)
     frame_px        (width, height) of a printer's panel, the part in its middle, instead of part + margin
     returns         a stack that cuts each layer when asked for it. Gaps of an open mesh are closed nearest
-                    ends first; each layer says how many and how far (`Layer.gaps`)
+                    ends first; each layer says how many and how far (`Layer.gaps`). Its notes are the mesh's. Layers
+                    may be empty, even all of them: see `empty.told_of_ends`
     raises          InputError for unusable numbers, a part without thickness, one larger than frame_px
     """
     if fill not in FILLS:
@@ -226,20 +250,69 @@ def slice_mesh(
     pitch = pitch_mm(pixel_mm)
     width, height, origin = _frame(mesh, pitch, margin_mm, frame_px)
     z_mm = _layers(mesh, layer_mm, first_layer_mm)
-    cutter = _cutter(mesh, pitch, origin, z_mm)
-    rule = FILLS[fill]
+    grid = _Grid(pitch, origin, (height, words_for(width)), width, float(mesh.bounds_mm[0, 2]), z_mm)
+    pieces = _pieces(mesh, grid, FILLS[fill])
 
     def make(index: int) -> Layer:
-        segments, gaps = cutter.segments(index), None
-        if not cutter.closed:
-            segments, lengths_mm = close_gaps(segments, pitch)
-            gaps = Gaps(len(lengths_mm), float(lengths_mm.max())) if len(lengths_mm) else None
-        rows = np.zeros((height, words_for(width)), np.uint64)
-        fill_rows(segments, width, rule, rows)
+        rows, gaps = _united(pieces, grid, index)
         bottom, top = z_mm[index].tolist()
         return Layer(rows, width, (bottom, top), gaps=gaps)
 
-    return LayerStack(width, height, pitch, z_mm, make, origin)
+    return LayerStack(width, height, pitch, z_mm, make, origin, notes=mesh.notes)
+
+
+def _pieces(mesh: Mesh, grid: _Grid, rule: int) -> list[_Piece]:
+    """What is sliced on its own. A clip that bounds several parts is cut once a layer."""
+    if not mesh.parts:
+        return [_Piece(_cutter(mesh, grid), rule, ())]
+    cutters: dict[int, _Cutter] = {}
+    pieces = []
+    for faces, part in mesh.pieces():
+        clips = part.clips if part else ()
+        for clip in clips:
+            if id(clip.mesh) not in cutters:
+                cutters[id(clip.mesh)] = _cutter(clip.mesh, grid)
+        bounds = tuple((cutters[id(clip.mesh)], clip.inside) for clip in clips)
+        own = FILLS["nonzero"] if part and part.united else rule
+        pieces.append(_Piece(_cutter(Mesh(mesh.vertices, faces, mesh.name), grid), own, bounds))
+    return pieces
+
+
+def _united(pieces: list[_Piece], grid: _Grid, index: int) -> tuple[NDArray[np.uint64], Gaps | None]:
+    """(rows, gaps) of one layer of all pieces together."""
+    rows: NDArray[np.uint64] | None = None
+    gaps: list[Gaps] = []
+    clips: dict[int, NDArray[np.uint64] | None] = {}
+    for piece in pieces:
+        solid = _filled(piece.cutter, grid, index, piece.rule, gaps)
+        for cutter, inside in piece.clips if solid is not None else ():
+            if id(cutter) not in clips:
+                clips[id(cutter)] = _filled(cutter, grid, index, FILLS["nonzero"], gaps)
+            clip = clips[id(cutter)]
+            if clip is not None and solid is not None:
+                solid &= clip if inside else ~clip
+            elif inside:
+                solid = None
+        if rows is None:
+            rows = solid
+        elif solid is not None:
+            rows |= solid
+    whole = Gaps(sum(gap.count for gap in gaps), max(gap.longest_mm for gap in gaps)) if gaps else None
+    return np.zeros(grid.shape, np.uint64) if rows is None else rows, whole
+
+
+def _filled(cutter: _Cutter, grid: _Grid, index: int, rule: int, gaps: list[Gaps]) -> NDArray[np.uint64] | None:
+    """Rows of one layer of one surface, None if the layer does not cut it; closed gaps are added to `gaps`."""
+    segments = cutter.segments(index)
+    if not len(segments):
+        return None
+    if not cutter.closed:
+        segments, lengths_mm = close_gaps(segments, grid.pitch)
+        if len(lengths_mm):
+            gaps.append(Gaps(len(lengths_mm), float(lengths_mm.max())))
+    rows = np.zeros(grid.shape, np.uint64)
+    fill_rows(segments, grid.width, rule, rows)
+    return rows
 
 
 def _frame(
@@ -293,20 +366,21 @@ def _layers(mesh: Mesh, layer_mm: float, first_layer_mm: float | None) -> NDArra
     return layer_bounds_mm(count, layer_mm, first_layer_mm)
 
 
-def _cutter(
-    mesh: Mesh, pitch: tuple[float, float], origin: tuple[float, float], z_mm: NDArray[np.float64]
-) -> _Cutter:
+def _cutter(mesh: Mesh, grid: _Grid) -> _Cutter:
+    z_mm = grid.z_mm
     quantum = 10.0 ** (math.floor(math.log10(float((z_mm[:, 1] - z_mm[:, 0]).min()))) - 4)
     points = np.empty_like(mesh.vertices)
-    points[:, 0] = (mesh.vertices[:, 0] - origin[0]) / pitch[0] - 0.5
-    points[:, 1] = (origin[1] - mesh.vertices[:, 1]) / pitch[1] - 0.5
-    points[:, :2] = np.round(points[:, :2] * SNAP_PER_PX) / SNAP_PER_PX
-    points[:, 2] = np.round((mesh.vertices[:, 2] - mesh.bounds_mm[0, 2]) / quantum)
+    for start in range(0, len(points), CHUNK):
+        vertices, out = mesh.vertices[start : start + CHUNK], points[start : start + CHUNK]
+        out[:, 0] = (vertices[:, 0] - grid.origin[0]) / grid.pitch[0] - 0.5
+        out[:, 1] = (grid.origin[1] - vertices[:, 1]) / grid.pitch[1] - 0.5
+        out[:, :2] = np.round(out[:, :2] * SNAP_PER_PX) / SNAP_PER_PX
+        out[:, 2] = np.round((vertices[:, 2] - grid.lowest_mm) / quantum)
     planes = np.round(z_mm.mean(axis=1) / quantum, 1)
-    faces = mesh.faces
-    closed = bool(edges_balance(points, faces))
+    faces = without_doubles(points, mesh.faces)
+    closed = edges_balance(points, faces)
     if not closed:
         faces = orient(points, faces)
-        closed = bool(edges_balance(points, faces))
+        closed = edges_balance(points, faces)
     starts, chosen = bucket(points, faces, planes, SLAB_LAYERS)
     return _Cutter(points, faces, planes, starts, chosen, closed)

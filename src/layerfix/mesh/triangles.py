@@ -1,27 +1,54 @@
-"""Triangle meshes in millimetres: load, check, rotate. trimesh reads the files."""
+"""Triangle meshes in millimetres: the value, and STL files of it.
+
+A mesh may have parts: faces that are sliced on their own and of which only what lies outside, or inside, of other
+meshes is solid. So negative volumes and clipped lattices stay exact, whatever state their surfaces are in: the
+layers are combined, pixel by pixel, not the surfaces.
+"""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.errors import InputError
+from layerfix.errors import InputError, OutputError
 from layerfix.files import whole_file
-from layerfix.mesh.read_3mf import read_3mf
-from layerfix.units import format_mm, mm_per_unit
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import ArrayLike, NDArray
 
-SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".glb", ".gltf")
+STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
-# Files without a unit are read as mm, as every slicer does. A part whose longest side is outside these
-# bounds was almost surely drawn in metres or inches (too small) or micrometres (too large).
-PLAUSIBLE_MM = (2.0, 2500.0)
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """A closed mesh that bounds a part: solid is only what lies inside of it, or only what lies outside."""
+
+    mesh: Mesh
+    inside: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Faces of a mesh that are sliced on their own; their layers join those of all other faces.
+
+    faces   (first, past the last) of the mesh's faces
+    clips   what bounds them; all of them do
+    united  overlapping shells unite, whatever the fill (beams and balls cross each other on purpose)
+    """
+
+    faces: tuple[int, int]
+    clips: tuple[Clip, ...] = ()
+    united: bool = False
+
+    def changed(self, change: Callable[[Mesh], Mesh]) -> Part:
+        """The part whose clips' meshes are `change` of these."""
+        return replace(self, clips=tuple(Clip(change(clip.mesh), clip.inside) for clip in self.clips))
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +58,15 @@ class Mesh:
     vertices  (n, 3) float64, x y z in mm, z up; a vertex may be listed more than once (as in STL)
     faces     (m, 3) int32 indices, counter-clockwise seen from outside
     name      what messages call it
+    notes     what a user should know of how it was read: what was left out
+    parts     faces that are sliced on their own, apart from each other
     """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
     name: str = "mesh"
+    notes: tuple[str, ...] = ()
+    parts: tuple[Part, ...] = ()
 
     def __post_init__(self) -> None:
         """Raises InputError for wrong shapes, no triangles, and coordinates that are not finite."""
@@ -64,10 +95,43 @@ class Mesh:
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
-    @property
+    @cached_property
     def bounds_mm(self) -> NDArray[np.float64]:
-        """(2, 3): the lowest and the highest corner of the triangles."""
-        return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+        """(2, 3): the lowest and the highest corner of the triangles; of clipped ones, as far as the clip reaches."""
+        bounds = np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+        if any(clip.inside for part in self.parts for clip in part.clips):
+            boxes = np.array([box for box in self._boxes() if (box[0] <= box[1]).all()])
+            if len(boxes):
+                bounds = np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        bounds.flags.writeable = False
+        return bounds
+
+    def _boxes(self) -> list[NDArray[np.float64]]:
+        """Bounds of each part, cut to what its clips leave of it, and of the faces of no part."""
+        boxes = []
+        for faces, part in self.pieces():
+            corners = self.vertices[faces.reshape(-1)]
+            box = np.array([corners.min(axis=0), corners.max(axis=0)])
+            for clip in part.clips if part else ():
+                if clip.inside:
+                    low, high = clip.mesh.bounds_mm
+                    box = np.array([np.maximum(box[0], low), np.minimum(box[1], high)])
+            boxes.append(box)
+        return boxes
+
+    def pieces(self) -> list[tuple[NDArray[np.int32], Part | None]]:
+        """The faces that are sliced together, and the part they are: first, with None, those of no part."""
+        if not self.parts:
+            return [(self.faces, None)]
+        rest = np.ones(len(self.faces), np.bool_)
+        pieces: list[tuple[NDArray[np.int32], Part | None]] = []
+        for part in self.parts:
+            first, stop = part.faces
+            rest[first:stop] = False
+            pieces.append((self.faces[first:stop], part))
+        if rest.any():
+            pieces.insert(0, (self.faces[rest], None))
+        return [(faces, part) for faces, part in pieces if len(faces)]
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
@@ -77,8 +141,16 @@ class Mesh:
         return x, y, z
 
     @property
+    def is_clipped(self) -> bool:
+        """Whether some of the triangles' volume is cut away: then they alone are not the part."""
+        return any(part.clips for part in self.parts)
+
+    @property
     def volume_mm3(self) -> float:
-        """Signed volume: negative when the mesh is inside out; overlapping bodies count twice."""
+        """Signed volume of all triangles: negative when the mesh is inside out; overlapping bodies count twice.
+
+        Clips of parts take nothing off: slice the mesh and ask the stack for what is really solid.
+        """
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
@@ -86,93 +158,19 @@ class Mesh:
         """Turned and scaled by a (3, 3) `matrix`; one that mirrors also flips the triangles."""
         m = np.asarray(matrix, np.float64)
         faces = self.faces if np.linalg.det(m) > 0 else self.faces[:, ::-1]
-        return replace(self, vertices=self.vertices @ m.T, faces=faces)
+        parts = tuple(part.changed(lambda mesh: mesh.transformed(m)) for part in self.parts)
+        return replace(self, vertices=self.vertices @ m.T, faces=faces, parts=parts)
+
+    def scaled(self, factor: float) -> Mesh:
+        """`factor` (above 0) times as large."""
+        parts = tuple(part.changed(lambda mesh: mesh.scaled(factor)) for part in self.parts)
+        return replace(self, vertices=self.vertices * factor, parts=parts)
 
     def moved(self, offset_mm: ArrayLike) -> Mesh:
         """Shifted by (x, y, z) mm."""
-        return replace(self, vertices=self.vertices + np.asarray(offset_mm, np.float64))
-
-
-def load_mesh(path: str | Path, *, unit: str | None = None) -> Mesh:
-    """Read STL (ASCII, binary), OBJ, PLY, OFF, 3MF (all build items) or GLB as one Mesh in mm.
-
-    `unit` is what one unit of the file is ("mm", "in", "m", …). Without it: what a 3MF says, metres for
-    GLB (its specification says so, and that y is up), mm for the others; but for 3MF a longest side outside
-    2 mm … 2.5 m is an error.
-    Raises InputError naming the file for a missing, unreadable, empty or implausible one.
-    """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"{path}: '{path.suffix}' is not a mesh; known are {' '.join(SUFFIXES)}")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; a mesh is a file")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    vertices, faces, read_in = _read(path, suffix, unit)
-    loaded = Mesh(vertices, faces.astype(np.int32), path.name)
-    if not unit and suffix != ".3mf":  # which says its unit, and means it
-        _check_plausible(loaded, path, read_in)
-    return loaded
-
-
-def _read(path: Path, suffix: str, unit: str | None) -> tuple[NDArray[np.float64], NDArray[np.int64], str]:
-    """(vertices in mm, faces, the unit they were read in)."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            if suffix == ".3mf":
-                return *read_3mf(path, unit), unit or "mm"
-            import trimesh
-
-            scene = trimesh.load_scene(str(path), process=False)
-            mesh = scene.to_mesh() if scene.geometry else None
-            if mesh is None or not hasattr(mesh, "faces") or not len(mesh.faces):
-                raise InputError(f"{path}: the mesh has no triangles")
-            if suffix == ".off":
-                _check_off(path)
-    except InputError:
-        raise
-    except Exception as problem:
-        # trimesh's readers raise whatever their parsers raise (struct, lxml, zipfile, numpy errors);
-        # all of them mean that this file is not what its suffix says.
-        reason = " ".join(str(problem).split()) or type(problem).__name__
-        raise InputError(f"{path}: not a readable {suffix} mesh ({reason[:160]})") from problem
-    read_in = unit or scene.units or "mm"
-    vertices = np.asarray(mesh.vertices) * mm_per_unit(read_in)
-    if suffix in (".glb", ".gltf"):
-        vertices = vertices[:, [0, 2, 1]] * (1, -1, 1)  # glTF has y up, printers z
-    return vertices, np.asarray(mesh.faces), read_in
-
-
-def _check_off(path: Path) -> None:
-    """An OFF file has as many lines as its header says; trimesh reads a file that is cut short all the same."""
-    with path.open(encoding="latin-1") as file:
-        words = [line.partition("#")[0].split() for line in file]
-    lines = [line for line in words if line]
-    header = lines[0][1:] or lines[1]
-    body = len(lines) - (1 if lines[0][1:] else 2)
-    if body < int(header[0]) + int(header[1]):
-        raise InputError(f"{path}: the file is cut short: {body} lines of {int(header[0]) + int(header[1])}")
-
-
-def _check_plausible(mesh: Mesh, path: Path, read_in: str) -> None:
-    """Raises InputError, proposing units, if the part is so small or so large that its unit is in doubt."""
-    longest = max(mesh.size_mm)
-    low, high = PLAUSIBLE_MM
-    if low <= longest <= high:
-        return
-    size = " × ".join(f"{s:.4g}" for s in mesh.size_mm)
-    if longest == 0:
-        raise InputError(f"{path}: all vertices are one point; the mesh has no size")
-    in_unit = {u: longest / mm_per_unit(read_in) * mm_per_unit(u) for u in ("um", "mm", "in", "cm", "m")}
-    fitting = [f"--unit {u} ({format_mm(mm)})" for u, mm in in_unit.items() if low <= mm <= high]
-    hint = f"try {' or '.join(fitting)}, or " if fitting else ""
-    same = next((u for u in in_unit if mm_per_unit(u) == mm_per_unit(read_in)), read_in)
-    raise InputError(
-        f"{path}: the part is {size} mm, which is {'tiny' if longest < low else 'huge'}; the file may be in"
-        f" another unit: {hint}--unit {same} to keep this size"
-    )
+        offset = np.asarray(offset_mm, np.float64)
+        parts = tuple(part.changed(lambda mesh: mesh.moved(offset)) for part in self.parts)
+        return replace(self, vertices=self.vertices + offset, parts=parts)
 
 
 def stl_header(text: str, triangles: int) -> bytes:
@@ -182,8 +180,7 @@ def stl_header(text: str, triangles: int) -> bytes:
 
 def stl_triangles(corners: NDArray[np.float64]) -> NDArray[np.void]:
     """(n, 3, 3) corners of triangles as the records of a binary STL."""
-    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    triangles = np.zeros(len(corners), record)
+    triangles = np.zeros(len(corners), STL_RECORD)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     triangles["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
@@ -192,7 +189,15 @@ def stl_triangles(corners: NDArray[np.float64]) -> NDArray[np.void]:
 
 
 def save_stl(path: str | Path, mesh: Mesh, *, force: bool = False) -> None:
-    """Write a binary STL. Raises OutputError for an existing `path` without `force` and what the system refuses."""
+    """Write a binary STL.
+
+    Raises OutputError for an existing `path` without `force`, what the system refuses, and a mesh with clipped parts.
+    """
+    if mesh.is_clipped:
+        raise OutputError(
+            f"{path}: {mesh.name} has volumes that are cut out, and STL holds surfaces alone; slice it,"
+            " and write the layers' surface"
+        )
     with whole_file(Path(path), force=force) as file:
         file.write(stl_header(mesh.name, len(mesh.faces)))
         file.write(stl_triangles(mesh.vertices[mesh.faces]).tobytes())
