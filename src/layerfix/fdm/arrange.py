@@ -25,27 +25,30 @@ STAGES = ((PERIMETER,), (EXTERNAL,), (GAP_FILL,), tuple(k for k in KINDS if k no
 
 def arranged(
     paths: Sequence[Path], layer: Layer, stack: LayerStack, settings: PathSettings, index: int
-) -> tuple[list[Path], int]:
-    """(all paths in order, how many parts of the layer are smaller than the narrowest dot of the nozzle).
+) -> tuple[list[Path], list[int], int]:
+    """(all paths in order, a number of the separate part of the layer that each belongs to, how many parts are
+    smaller than the narrowest dot of the nozzle).
 
     Loops start where the seam is wanted. The nozzle comes from the rear left.
     """
     parts, small = _parts(paths, layer, stack, settings.range_mm[0])
     if not paths:
-        return [], small
+        return [], [], small
     where = np.array([stack.origin_mm[0], stack.origin_mm[1]])
     middles = np.array([paths[group[0]].points_mm[0] for group in parts])
     order, _ = short_tour(np.hstack([middles, middles]), *where.tolist())
     random = np.random.default_rng(index)
     out: list[Path] = []
+    numbers: list[int] = []
     for part in order.tolist():
         for stage in STAGES:
             chosen = [paths[k] for k in parts[part] if paths[k].kind in stage]
             for path in in_short_order(chosen, where):
                 laid = _with_seam(path, where, settings.seam, random)
                 out.append(laid)
+                numbers.append(part)
                 where = laid.points_mm[-1]
-    return out, small
+    return out, numbers, small
 
 
 def _parts(paths: Sequence[Path], layer: Layer, stack: LayerStack, dot_mm: float) -> tuple[list[list[int]], int]:

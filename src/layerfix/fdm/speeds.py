@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from layerfix.fdm.beads import (
+    BRIDGE,
     EXTERNAL,
     GAP_FILL,
+    KINDS,
     PERIMETER,
     SKIRT,
     SOLID,
     SPARSE,
     TOP,
-    LayerPaths,
-    Path,
     overlap_mm,
-    section_mm2,
 )
 
 if TYPE_CHECKING:
@@ -38,6 +37,8 @@ USUAL = {
     "solid_infill_mm_s": 60.0,
     "top_infill_mm_s": 40.0,
     "gap_fill_mm_s": 40.0,
+    "bridge_mm_s": 25.0,
+    "bridge_flow": 1.0,
     "first_layer_mm_s": 20.0,
     "travel_mm_s": 120.0,
     "acceleration_mm_s2": 1000.0,
@@ -55,9 +56,8 @@ KEY_OF = {
     TOP: "top_infill_mm_s",
     GAP_FILL: "gap_fill_mm_s",
     SKIRT: "first_layer_mm_s",
+    BRIDGE: "bridge_mm_s",
 }
-# A layer that is done sooner is still soft under the next one, so it is laid slower, but not slower than this.
-LEAST_LAYER_S, LEAST_MM_S = 8.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -71,32 +71,26 @@ class Speeds:
         known = getattr(self.printer, key)
         return float(USUAL[key] if known is None else known)
 
-    def bead_mm_s(self, kind: str, section_mm2: Floats | float, *, first_layer: bool) -> Floats:
-        """Speed for a kind of path: slower on the first layer and where more would have to melt than can."""
-        usual = self.value(KEY_OF[kind])
-        wanted = min(usual, self.value("first_layer_mm_s")) if first_layer else usual
+    @property
+    def travel_mm_s2(self) -> float:
+        """Acceleration of travels: another one only in dialects that can tell it apart."""
+        own = self.printer.travel_acceleration_mm_s2
+        apart = self.printer.gcode_flavor in ("marlin2", "reprap")
+        return own if own and apart else self.value("acceleration_mm_s2")
+
+    def flow(self, kind: str) -> float:
+        """Material of a kind of bead, as a share of the usual."""
+        return self.value("bridge_flow") if kind == BRIDGE else 1.0
+
+    def bead_mm_s(self, kind: NDArray[np.int64], section_mm2: Floats, *, first_layer: bool) -> Floats:
+        """(n,) speeds of beads of these kinds (numbers in KINDS) and cross-sections: slower on the first layer and
+        where more would have to melt than can."""
+        usual = np.array([self.value(KEY_OF[name]) for name in KINDS])
+        if first_layer:
+            usual = np.minimum(usual, self.value("first_layer_mm_s"))
         most = self.printer.max_volumetric_speed_mm3_s or math.inf
-        return np.minimum(wanted, most / np.asarray(section_mm2))
-
-    def path_mm_s(self, path: Path, layer_mm: float, *, first_layer: bool, slowed: float = 1.0) -> Floats:
-        """Speed of each piece of a path; `slowed` multiplies it, but not below LEAST_MM_S."""
-        fast = self.bead_mm_s(path.kind, section_mm2(path.width_mm, layer_mm), first_layer=first_layer)
-        return np.maximum(fast * slowed, np.minimum(fast, LEAST_MM_S))
-
-    def seconds(self, layer: LayerPaths, *, first_layer: bool, slowed: float = 1.0) -> float:
-        """How long a layer takes: every path and travel from standstill to standstill."""
-        acceleration = self.value("acceleration_mm_s2")
-        travel = self.value("travel_mm_s")
-        total = 0.0
-        for path in layer.paths:
-            speed = self.path_mm_s(path, layer.layer_mm, first_layer=first_layer, slowed=slowed)
-            total += float((path.lengths_mm / speed).sum()) + float(speed[0]) / acceleration
-        for way in layer.travels_mm():
-            top = min(travel, math.sqrt(way * acceleration))
-            total += way / top + top / acceleration if way else 0.0
-            if way > self.value("retract_before_travel_mm"):
-                total += 2 * self.value("retract_mm") / self.value("retract_mm_s")
-        return total
+        speeds: Floats = np.minimum(usual[kind], most / section_mm2)
+        return speeds
 
     def seconds_by_area(
         self, widths: Widths, width_mm: Floats, *, perimeters: int = 2, density: float = 0.2
@@ -121,10 +115,6 @@ class Speeds:
             total += float(seconds.sum())
             melting += float(seconds[most < wanted].sum())
         return total, melting
-
-    def slowed(self, seconds: float) -> float:
-        """By how much to multiply the speeds of a layer that would be done in so many seconds, at most 1."""
-        return min(1.0, max(seconds, 1e-9) / LEAST_LAYER_S)
 
 
 def written_time(seconds: float) -> str:
