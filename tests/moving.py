@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 AXES = "XYZE"
 
@@ -29,8 +30,7 @@ LIMITS = ("M203", "M201", "M205")  # feedrate, acceleration, jerk of each axis
 
 
 def timed(text: str, acceleration: float = 1000.0) -> Timed:
-    """All G0 and G1 of a file for Marlin: M204 S is of printing and travel, its R or (on old Marlins, with S) T of the
-    filament alone."""
+    """All G0 and G1 of a file for Marlin: M204 S is of printing and travel, its R of the filament alone."""
     at, out = dict.fromkeys((*AXES, "F"), 0.0), Timed()
     absolute, absolute_e = True, True
     printing = travel = filament = acceleration
@@ -95,7 +95,7 @@ def slow_seconds(moves, speeds, accelerations, most_speed, most_acceleration, je
 
     if not kept:
         return [0.0] * len(moves)
-    ends = [at_once[kept[0]], *(corner(a, b) for a, b in zip(kept[:-1], kept[1:], strict=True)), at_once[kept[-1]]]
+    ends = [at_once[kept[0]], *(corner(a, b) for a, b in pairwise(kept)), at_once[kept[-1]]]
     for n, k in reversed(list(enumerate(kept))):
         ends[n] = min(ends[n], math.sqrt(ends[n + 1] ** 2 + 2 * steep[k] * ways[k]))
     out = [0.0] * len(moves)

@@ -251,7 +251,8 @@ def description(printer: Printer) -> list[str]:
     for key, wanted in KEYS.items():
         value = getattr(printer, key)
         if value is not None and (value != "" or printer.pixels):  # without a panel, nothing is mirrored
-            text = _written(value, " to " if key.endswith("_range_mm") else ", " if key.startswith("axis_") else " × ")
+            between = " to " if key.endswith("_range_mm") else ", " if key.startswith("axis_") else " × "
+            text = _written(value, between)
             rows.append((key, f"{text} {wanted.unit}".rstrip(), wanted.meaning))
     return _aligned(rows)
 
