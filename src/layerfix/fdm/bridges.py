@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 DIRECTIONS = 36
 LEAST_BEADS = 1.5  # wide is what counts as over air: overhangs that lie on half a bead hold by themselves
 ANCHOR_BEADS = 2.0  # by which a bridge reaches over what holds it
+ALIKE = 1.02  # spans that differ by less are told apart by chance; 10° off a rectangle's side they are 1.5 % longer
 HELD = 0.05  # of its length may be held less well, if the spans are shorter
 # What is told: shorter ones come out well without care (the roof of the 3DBenchy, made to print without supports,
 # spans 13.7 mm); a ledge of 2 mm droops.
@@ -130,7 +131,17 @@ def best_direction(region, held, step, reach):  # type: ignore[no-untyped-def]
     for k in range(DIRECTIONS):
         if span[k] and score[k] >= score.max() - HELD and (chosen < 0 or span[k] < span[chosen]):
             chosen = k
-    return max(chosen, 0) * math.pi / DIRECTIONS, found[chosen, 0], found[chosen, 1], found[chosen, 2]
+    if chosen < 0:
+        return 0.0, 0.0, 0.0, 0.0
+    run = np.zeros(2)  # of directions about as good, down and up from there: the middle one is meant
+    for side in range(2):
+        for k in range(1, DIRECTIONS // 4):
+            other = (chosen + (k if side else -k)) % DIRECTIONS
+            if not span[other] or score[other] < score.max() - HELD or span[other] > ALIKE * span[chosen]:
+                break
+            run[side] = k
+    angle = (chosen + (run[1] - run[0]) / 2) % DIRECTIONS * math.pi / DIRECTIONS
+    return angle, found[chosen, 0], found[chosen, 1], found[chosen, 2]
 
 
 def over_air(below: Layer | None, layer: Layer, stack: LayerStack, bead_mm: float) -> OverAir:
