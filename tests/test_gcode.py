@@ -826,3 +826,41 @@ def test_a_part_beside_the_bed_is_not_called_too_large(tmp_path):
     with pytest.raises(InputError, match=r"9\.\d+ × 9\.\d+ mm, which fits prusa-mk3s-0\.4 .* lies beside its bed"):
         lf.write(tmp_path / "a.gcode", stack, lf.load_printer(MK3S))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("G1 X1 Y1 Z0.2\nG1 X10 Y1 E1\n; filament_diameter = 1.75.1\n", ["filament_diameter", "1.75.1"]),
+        ("G1 X1 Y1 Z0.2\nG1 X10 Y1 E1\n; filament_diameter = 0\n", ["filament_diameter", "0"]),
+        ("G1 X1 Y1 Z0.2\nG1 X10 Y1 E1\n; filament_diameter = " + "9" * 4000, ["filament_diameter", "999..."]),
+        ("G1 X1 Y1 Z0.2\nG2 X10 Y1 R1" + "0" * 200 + " E1\n", ["line 2", "too large"]),
+        ("G1 X1 Y1 Z0.2\nG1 X1" + "0" * 5000 + " E1\n", ["line 2", "too large"]),
+        ("G1 X1 Y1 Z0.2\nG3 X10 Y1 I1" + "0" * 170 + " J-1 E1\n", ["line 2", "too large"]),
+        ("G1 X1 Y1 Z0\nG1 X10 Y1 E1\n", ["z = 0 mm", "layer"]),
+        ("G1 X1 Y1 Z-3\nG1 X10 Y1 E1\n", ["z = -3 mm", "layer"]),
+        ("G1 X1 Y1 Z0.2\nG1 X1.2.3 Y1 E1\n", ["line 2", "X1.2.3"]),
+        ("G1 X1 Y1 Z0.2\nG1 X1-2 Y1 E1\n", ["line 2", "X1-2"]),
+    ],
+)
+def test_numbers_that_are_none_are_named(tmp_path, text, words):
+    """One line, by the command too."""
+    path = tmp_path / "a.gcode"
+    path.write_text(text)
+    with pytest.raises(InputError) as refusal:
+        read_gcode(path)
+    assert all(word in str(refusal.value) for word in ["a.gcode", *words]), str(refusal.value)
+    assert len(str(refusal.value)) < 250
+
+
+def test_what_else_a_move_may_hold(tmp_path):
+    """Line numbers, checksums, remarks in brackets, no blanks; the first of several filaments; beads at z 0 with a
+    height of their own."""
+    path = tmp_path / "a.gcode"
+    path.write_text("N1 G1 X1 Y1 Z0.2*71\nN2 G1X10.Y1(to the right)E1 *33\n; filament_diameter = 2.85,1.75\n")
+    (layer,) = read_gcode(path)
+    assert layer.paths[0].points_mm.tolist() == [[1, 1], [10, 1]]
+    section = np.pi * 2.85**2 / 4 / 9
+    assert layer.paths[0].width_mm == pytest.approx(section / 0.2 + 0.2 * (1 - np.pi / 4))
+    path.write_text(";HEIGHT:0.3\nG1 X1 Y1 Z0\nG1 X10 Y1 E1\n")
+    assert read_gcode(path)[0].z_mm == pytest.approx((-0.3, 0.0))
