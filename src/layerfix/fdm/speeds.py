@@ -92,29 +92,63 @@ class Speeds:
         speeds: Floats = np.minimum(usual[kind], most / section_mm2)
         return speeds
 
-    def seconds_by_area(
-        self, widths: Widths, width_mm: Floats, *, perimeters: int = 2, density: float = 0.2
-    ) -> tuple[float, float]:
-        """(seconds to lay all layers with these widths, how many of them melting sets the pace), without travels.
+    def by_area(
+        self,
+        widths: Widths,
+        width_mm: Floats,
+        *,
+        perimeters: int = 2,
+        density: float = 0.2,
+        shells: tuple[int, int] = (4, 4),
+    ) -> ByArea:
+        """What all layers take with these widths, (layers,), before anything is planned.
 
-        A layer's beads are `perimeters` loops along its outlines and infill of `density` in the rest of its area.
+        A layer's beads are `perimeters` loops along its outlines and infill of `density` in the rest of its area;
+        solid is what of its area is more than that of the layers over it and under it (shells: how many of them count
+        at the top, at the bottom).
         """
         layer_mm = widths.z_mm[:, 1] - widths.z_mm[:, 0]
         spacing = width_mm - overlap_mm(1.0) * layer_mm
         section = spacing * layer_mm
         loops = np.minimum(perimeters * widths.outline_mm, widths.area_mm2 / spacing)
         outer = np.minimum(widths.outline_mm, loops)
-        filling = np.maximum(widths.area_mm2 - loops * spacing, 0) / spacing * density
+        rest = np.maximum(widths.area_mm2 - loops * spacing, 0)
+        solid = np.minimum(rest, widths.area_mm2 - _covered_mm2(widths.area_mm2, *shells))
         first = np.arange(len(widths)) == 0
         most = (self.printer.max_volumetric_speed_mm3_s or math.inf) / section
-        total, melting = 0.0, 0.0
-        for kind, length in ((EXTERNAL, outer), (PERIMETER, loops - outer), (SPARSE, filling)):
+        total, melting, mm3 = 0.0, 0.0, 0.0
+        for kind, length in (
+            (EXTERNAL, outer),
+            (PERIMETER, loops - outer),
+            (SOLID, solid / spacing),
+            (SPARSE, (rest - solid) / spacing * density),
+        ):
             usual = self.value(KEY_OF[kind])
             wanted = np.where(first, min(usual, self.value("first_layer_mm_s")), usual)
             seconds = length / np.minimum(wanted, most)
             total += float(seconds.sum())
             melting += float(seconds[most < wanted].sum())
-        return total, melting
+            mm3 += float((length * section).sum())
+        return ByArea(total, melting, mm3, mm3 / (math.pi * self.value("filament_mm") ** 2 / 4))
+
+
+@dataclass(frozen=True)
+class ByArea:
+    """Of laying all beads, without travels, corners and slow small layers: how long, how much of that melting sets
+    the pace, material, and length of filament."""
+
+    seconds: float
+    melting_s: float
+    volume_mm3: float
+    filament_mm: float
+
+
+def _covered_mm2(area_mm2: Floats, above: int, below: int) -> Floats:
+    """(layers,) the least area of each layer and so many over and under it; nothing is beyond the ends."""
+    padded = np.concatenate([np.zeros(below), area_mm2, np.zeros(above)])
+    around = np.lib.stride_tricks.sliding_window_view(padded, above + below + 1)
+    covered: Floats = around.min(axis=1) if len(area_mm2) else area_mm2
+    return covered
 
 
 def written_time(seconds: float) -> str:
