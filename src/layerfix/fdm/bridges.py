@@ -18,7 +18,7 @@ from layerfix.bits import ROWS, U0, U1
 from layerfix.fdm.beads import Hanging
 from layerfix.layers.components import smaller_than
 from layerfix.layers.flood import flood
-from layerfix.layers.morphology import dilate, opened
+from layerfix.layers.morphology import dilate, erode, opened
 
 if TYPE_CHECKING:
     from layerfix.bits import Rows
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 DIRECTIONS = 36
 LEAST_BEADS = 1.5  # wide is what counts as over air: overhangs that lie on half a bead hold by themselves
+RIM_PX = 2.0, 2.0  # half of 0.25 mm on the usual raster: what is narrower is no bridge, and no island that is laid
 ANCHOR_BEADS = 2.0  # by which a bridge reaches over what holds it
 ALIKE = 1.02  # spans that differ by less are told apart by chance; 10° off a rectangle's side they are 1.5 % longer
 HELD = 0.05  # of its length may be held less well, if the spans are shorter
@@ -151,7 +152,7 @@ def over_air(below: Layer | None, layer: Layer, stack: LayerStack, bead_mm: floa
     """
     lower = np.zeros_like(layer.rows) if below is None else below.rows
     air = layer.rows & ~lower
-    if not air.any():
+    if not air.any() or not erode(air, layer.width, RIM_PX).any():  # a slope's rim, on most layers
         return OverAir()
     islands = layer.rows & ~flood(lower, layer.rows) if below is not None else layer.rows
     bead_px = bead_mm / stack.pixel_mm[0]
