@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     Point = NDArray[np.float64]
 
-# What is laid together; inner perimeters first, so that the outer ones have something to lean on. Gaps are filled on the
-# way of the infill: a tour of their own was a quarter of all travel.
+# What is laid together; inner perimeters first, so that the outer ones have something to lean on. Gaps are filled on
+# the way of the infill: a tour of their own was a quarter of all travel.
 STAGES = ((PERIMETER,), (EXTERNAL,), tuple(k for k in KINDS if k not in (PERIMETER, EXTERNAL)))
 
 
