@@ -226,7 +226,8 @@ def _figures(summary: WidthSummary) -> list[tuple[str, str]]:
         rows.append(("", f"{_change(after, seconds)} {format_mm(width)} everywhere ({written_time(seconds)})"))
     metres, cubic = summary.filament_after_mm / 1000, summary.volume_mm3 / 1000
     change = _change(summary.filament_after_mm, summary.filament_before_mm)
-    rows.append(("filament", f"{metres:.3g} m, {cubic:.3g} cm³, {change} {format_mm(usual)} everywhere"))
+    amount = f"about {metres:.3g} m, {cubic:.3g} cm³ by the layers' areas"
+    rows.append(("filament", f"{amount}, {change} {format_mm(usual)} everywhere"))
     return rows
 
 
