@@ -154,7 +154,7 @@ def over_air(below: Layer | None, layer: Layer, stack: LayerStack, bead_mm: floa
     air = layer.rows & ~lower
     if not air.any() or not erode(air, layer.width, RIM_PX).any():  # a slope's rim, on most layers
         return OverAir()
-    islands = layer.rows & ~flood(lower, layer.rows) if below is not None else layer.rows
+    islands = layer.rows & ~flood(lower, layer.rows)
     bead_px = bead_mm / stack.pixel_mm[0]
     radius = (LEAST_BEADS / 2 * bead_px,) * 2
     wide = opened(air & ~islands, layer.width, radius)
