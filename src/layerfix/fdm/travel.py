@@ -54,13 +54,12 @@ def _straight(rows, x0, y0, x1, y1, clear):  # type: ignore[no-untyped-def]
     length = math.hypot(dx, dy)
     steps = int(length) + 1
     nx, ny = (-dy / length * clear, dx / length * clear) if length > 0 else (0.0, 0.0)
+    sides = 1 if clear > 0 else 0
     for k in range(steps + 1):
         t = k / steps
-        x, y = x0 + t * dx, y0 + t * dy
-        if not _solid(rows, x, y):
-            return False
-        if clear > 0 and not (_solid(rows, x + nx, y + ny) and _solid(rows, x - nx, y - ny)):
-            return False
+        for side in range(-sides, sides + 1):
+            if not _solid(rows, x0 + t * dx + side * nx, y0 + t * dy + side * ny):
+                return False
     return True
 
 
@@ -182,11 +181,14 @@ def _round(rows, free, x0, y0, x1, y1, longest, cost, came, seen, turn, heap, ke
     made, here = 0, 0
     length = 0.0
     while here < count + 1:  # pulled tight: on to the farthest point that can be reached straight
-        there = here + 1
+        there = here
         while there < count + 1 and _straight(
-            rows, chain[here, 0], chain[here, 1], chain[there + 1, 0], chain[there + 1, 1], CLEAR_PX
-        ):
+            rows, chain[here, 0], chain[here, 1], chain[there + 1, 0], chain[there + 1, 1],
+            CLEAR_PX if there > here else 0.0,
+        ):  # fmt: skip
             there += 1
+        if there == here:  # a slot between two free cells
+            return -1
         length += math.hypot(chain[there, 0] - chain[here, 0], chain[there, 1] - chain[here, 1])
         if there < count + 1:
             if made == out.shape[0]:
