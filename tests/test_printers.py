@@ -65,7 +65,7 @@ prusa-xl-0.8             0.40  0.20  0.90  marlin2  True
 ender-3-0.4              0.16  0.20  0.42  marlin   True
 ender-3-0.6              0.24  0.30  0.63  marlin   True
 ratrig-v-core-4-400-0.6  0.25  0.35  0.65  klipper  True
-ultimaker-s5-0.4         0.20  0.20  0.40  marlin   False
+ultimaker-s5-0.4         0.20  0.20  0.40  griffin  False
 lulzbot-taz6-0.5         0.25  0.30  0.56  marlin   False
 """
 
@@ -79,6 +79,21 @@ FOR_GCODE = (
     "nozzle_c", "first_layer_nozzle_c", "bed_c", "first_layer_bed_c", "fan_percent", "start_gcode", "end_gcode",
 )  # fmt: skip
 UNKNOWN = {("ultimaker-s5-0.4", "acceleration_mm_s2")}
+
+# The same profiles' machine limits (X, Z and E; Y is as X): mm/s, mm/s2, jerk in mm/s; speed and flow of bridges.
+EXPECTED_LIMITS = """
+prusa-mk3s-0.25          200 12 120   1000  200 5000  8 0.4 4.5  20 1
+prusa-mk3s-0.4           200 12 120   1000  200 5000  8 0.4 4.5  25 1
+prusa-mk3s-0.6           200 12 120   1000  200 5000  8 0.4 4.5  25 1
+prusa-mk3s-0.8           200 12 120   1000  200 5000  8 0.4 4.5  22 0.9
+prusa-mini-0.4           180 12  80   2500  400 5000  8 2   10   25 1
+prusa-mk4-0.6            200 40 100   2500  200 2500  8 2   10   25 1
+prusa-xl-0.8             400 12 100   5000  200 2500  8 2   10   22 0.9
+ender-3-0.4              500 10  60    500  100 5000  8 0.4 5    25 0.85
+ender-3-0.6              500 10  60    500  100 5000  8 0.4 5    25 0.95
+ratrig-v-core-4-400-0.6  400 50 120  10000  200 5000  5 0.4 5    50 0.85
+lulzbot-taz6-0.5         300  3  40   9000  100 1000  8 0.4 10   30 1
+"""
 
 # PrusaSlicer's profiles: name, outer and inner walls, sparse, solid and top infill, first layer, nozzle and bed (°C)
 EXPECTED_SPEEDS = """
@@ -241,7 +256,7 @@ def test_every_fdm_printer_can_extrude(name):
     for width in (printer.extrusion_width_mm, printer.first_layer_width_mm):
         assert printer.width_range_mm[0] <= width <= printer.width_range_mm[1]
     assert 5 <= printer.max_volumetric_speed_mm3_s <= 40
-    assert printer.gcode_flavor in ("marlin", "marlin2", "klipper", "reprap")
+    assert printer.gcode_flavor in ("marlin", "marlin2", "klipper", "reprap", "griffin")
     assert printer.relative_extrusion in (True, False)
     assert printer.format == ".gcode"
     assert printer.pixels is printer.exposure_s is printer.light_pwm is None
@@ -278,6 +293,17 @@ def test_the_speeds_are_those_of_the_profiles(line):
     p = load_printer(name)
     speeds = [p.external_perimeter_mm_s, p.perimeter_mm_s, p.infill_mm_s, p.solid_infill_mm_s, p.top_infill_mm_s]
     assert [*speeds, p.first_layer_mm_s, p.nozzle_c, p.bed_c] == list(map(float, numbers))
+
+
+@pytest.mark.parametrize("line", EXPECTED_LIMITS.strip().splitlines())
+def test_the_limits_are_those_of_the_profiles(line):
+    """Every FDM printer whose G-code is written has them."""
+    name, *numbers = line.split()
+    p = load_printer(name)
+    limits = [axis[k] for axis in (p.axis_mm_s, p.axis_mm_s2, p.axis_jerk_mm_s) for k in (0, 2, 3)]
+    assert [*limits, p.bridge_mm_s, p.bridge_flow] == list(map(float, numbers))
+    assert all(axis[0] == axis[1] for axis in (p.axis_mm_s, p.axis_mm_s2, p.axis_jerk_mm_s))
+    assert len(EXPECTED_LIMITS.strip().splitlines()) == sum(load_printer(n).gcode_flavor != "griffin" for n in FDM)
 
 
 @pytest.mark.parametrize("name", FDM)
@@ -584,7 +610,8 @@ def test_a_choice_names_the_choices(tmp_path):
     """Process, mirror, dialect."""
     assert problem(own(tmp_path, process='"laser"')).endswith("choose from resin, fdm, powder")
     assert problem(own(tmp_path, mirror='"z"')).endswith("choose from '', x, y, xy")
-    assert problem(own(tmp_path, gcode_flavor='"x"')).endswith("choose from marlin, marlin2, klipper, reprap")
+    dialects = "marlin, marlin2, klipper, reprap, griffin"
+    assert problem(own(tmp_path, gcode_flavor='"x"')).endswith(f"choose from {dialects}")
 
 
 @pytest.mark.parametrize("value", ["9" * 5000, "[" * 5000], ids=["digits", "brackets"])

@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections import defaultdict
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ from layerfix.commands.options import Options, Run
 from layerfix.commands.widths import SUFFIXES, WidthOptions, lines_of, suggest
 from layerfix.errors import InputError, OutputError
 from layerfix.fdm.speeds import Speeds
+from layerfix.formats.vector.gcode_reader import read_gcode
 from layerfix.layers.widths import Widths, suggest_widths
 from layerfix.mesh.triangles import Mesh
 from tests.making import box, contents, joined, run_layerfix, thin_part, turned, write_stl
@@ -197,7 +198,8 @@ def test_tables_agree_with_the_arrays(tmp_path):
         assert {key: float(value) for key, value in line.items()} == {key: float(v) for key, v in row.items()}
         assert row["layer"] == k
         assert (row["bottom_mm"], row["top_mm"]) == pytest.approx(tuple(before.z_mm[k]))
-        assert (row["suggested_mm"], row["width_mm"]) == (before.width_mm[k], after.width_mm[k])
+        laid = after.width_mm[k] if k else MK3S.first_layer_width_mm  # a slicer does the same
+        assert (row["suggested_mm"], row["width_mm"]) == (before.width_mm[k], laid)
         assert row["too_thin"] is bool(before.too_thin[k])
         assert row["area_mm2"] == pytest.approx(before.area_mm2[k], abs=1e-4)
 
@@ -347,9 +349,10 @@ def layers_of(area: float, outline: float, heights: list[float]) -> Widths:
 
 
 def seconds(widths: Widths, width_mm: float, most: float | None, **how: float) -> tuple[float, float]:
-    """(all, melting) of the 0.6 mm printer with another limit of what it melts."""
+    """(all, melting) of the 0.6 mm printer with another limit of what it melts, without solid layers."""
     speeds = Speeds(replace(MK3S, max_volumetric_speed_mm3_s=most))
-    return speeds.seconds_by_area(widths, np.full(len(widths), width_mm), **how)
+    taken = speeds.by_area(widths, np.full(len(widths), width_mm), **{"shells": (0, 0), **how})
+    return taken.seconds, taken.melting_s
 
 
 heights_mm = st.lists(st.floats(0.1, 0.4), min_size=1, max_size=5)
@@ -416,9 +419,10 @@ def test_the_summary_names_what_limits(tmp_path, most, words, never):
     assert never not in summary.limit
     assert ("limit", summary.limit) in lines_of(summary)
     assert summary.melting_share == pytest.approx({None: 0, 0.5: 1, 1000.0: 0}[most])
-    assert summary.seconds_before == pytest.approx(
-        seconds(suggested(part), MK3S.extrusion_width_mm or 0, most)[0], rel=1e-6
-    )
+    usual = np.array([MK3S.first_layer_width_mm, *[MK3S.extrusion_width_mm] * (summary.layers - 1)])
+    expected = Speeds(printer).by_area(suggested(part), usual)
+    assert summary.seconds_before == pytest.approx(expected.seconds, rel=1e-6)
+    assert summary.filament_before_mm == pytest.approx(expected.filament_mm, rel=1e-6)
 
 
 def suggested(part: Path) -> Widths:
@@ -436,11 +440,100 @@ def test_a_block_is_as_much_faster_as_in_prusa_slicer(tmp_path):
     fins = [box([x, 5, 9.9], [x + 0.8, 35, 14]) for x in (5, 12, 19, 26, 33)]
     widths = suggested(write_stl(tmp_path / "part.stl", joined(box([0, 0, 0], [40, 40, 10]), *fins)))
     wide = np.where(widths.z_mm[:, 1] < 10.2, 1.2, 0.6)
+    wide[0] = 0.65  # a slicer's first layer has a width of its own
     change = {}
     for most in (None, 15.0, 8.0):
         speeds = Speeds(replace(MK3S, max_volumetric_speed_mm3_s=most))
-        before, _ = speeds.seconds_by_area(widths, np.full(len(widths), 0.6))
-        change[most] = speeds.seconds_by_area(widths, wide)[0] / before - 1
-    assert change[None] == pytest.approx(-0.24, abs=0.05)
-    assert change[15.0] == pytest.approx(-0.16, abs=0.05)
+        before = speeds.by_area(widths, np.where(np.arange(len(widths)) == 0, 0.65, 0.6)).seconds
+        change[most] = speeds.by_area(widths, wide).seconds / before - 1
+    assert change[None] == pytest.approx(-0.24, abs=0.06), change  # beads alone: travels and corners save nothing
+    assert change[15.0] == pytest.approx(-0.16, abs=0.06), change
     assert change[8.0] > change[15.0]
+
+
+def test_filament_of_a_block_by_hand():
+    """10 × 10 mm: solid where one of four layers above or below is missing, else walls and a fifth of the rest."""
+    part = layers_of(100, 40, [0.3] * 20)
+    spacing = 0.6 - 0.3 * (1 - math.pi / 4)
+    walls = 80 * spacing
+    volume = 0.3 * (8 * 100 + 12 * (walls + 0.2 * (100 - walls)))
+    taken = Speeds(MK3S).by_area(part, np.full(20, 0.6))
+    assert taken.volume_mm3 == pytest.approx(volume)
+    assert taken.filament_mm == pytest.approx(volume / (math.pi * 1.75**2 / 4))
+    roof = replace(part, area_mm2=np.where(np.arange(20) < 10, 100.0, 60.0))
+    more = 0.3 * 4 * 0.8 * 40  # 40 mm² of the four layers under the step are solid, too
+    smaller = 0.3 * (4 * 40 + 6 * 0.2 * 40)  # what the ten upper layers have less
+    assert Speeds(MK3S).by_area(roof, np.full(20, 0.6)).volume_mm3 == pytest.approx(volume + more - smaller)
+
+
+@pytest.mark.parametrize("name", ["fins", "block"])
+def test_filament_is_about_that_of_the_g_code(tmp_path, name):
+    """What is said before anything is planned, against what is laid: within 8 %."""
+    mesh = {"fins": finned(), "block": box([0, 0, 0], [30, 20, 6])}[name]
+    part = write_stl(tmp_path / "part.stl", mesh)
+    done = run_layerfix("widths", part, "-p", MK3S.name, "-o", tmp_path / "a.gcode", "-o", tmp_path / "a.json")
+    assert done.code == 0
+    said = json.loads((tmp_path / "a.json").read_text())
+    laid = sum(layer.volume_mm3() for layer in read_gcode(tmp_path / "a.gcode"))
+    assert said["volume_mm3"] == pytest.approx(laid, rel=0.08)
+    assert said["filament_after_mm"] == pytest.approx(said["volume_mm3"] / (math.pi * 1.75**2 / 4))
+
+
+def test_the_first_layer_has_the_printers_own_width_everywhere(tmp_path):
+    """In the G-code, in the tables and in the figures; the bands are what a slicer is told, which does the same."""
+    part = write_stl(tmp_path / "part.stl", box([0, 0, 0], [20, 20, 3]))
+    outputs = [word for suffix in ("gcode", "json", "3mf") for word in ("-o", tmp_path / f"a.{suffix}")]
+    done = run_layerfix("widths", part, "-p", MK3S.name, "--min", "0.8mm", "--max", "1.2mm", *outputs)
+    assert done.code == 0
+    own = MK3S.first_layer_width_mm
+    said = json.loads((tmp_path / "a.json").read_text())
+    assert [row["width_mm"] for row in said["table"]] == [own, *[1.2] * (said["layers"] - 1)]
+    assert said["ranges"] == [[0.0, pytest.approx(2.9), 1.2]]
+    assert said["first_layer_width_mm"] == own
+    assert "layer 0" in done.out
+    layers = read_gcode(tmp_path / "a.gcode")
+    widths = [
+        np.median(np.concatenate([p.width_mm for p in x.paths if p.kind == "External perimeter"])) for x in layers
+    ]
+    assert widths == pytest.approx([own, *[1.2] * (len(layers) - 1)])
+
+
+PARTS = {
+    "block": lambda: box([0, 0, 0], [20, 20, 5]),
+    "fin": lambda: joined(box([0, 0, 0], [20, 20, 2]), box([5, 5, 1.9], [5.65, 15, 6])),
+    "hair": lambda: joined(box([0, 0, 0], [20, 20, 2]), box([5, 5, 1.9], [5.3, 15, 6])),
+}
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_nothing_that_is_said_contradicts_itself(tmp_path, name):
+    """Over ranges, bands and limits: advice, limit, percentages and figures agree."""
+    part = write_stl(tmp_path / "part.stl", PARTS[name]())
+    for (low, high), bands, most in product(
+        [(0.6, 1.2), (0.65, 0.65), (0.51, 0.6), (0.9, 1.2)], [1, 3], [None, 4.0, 15.0]
+    ):
+        printer = replace(MK3S, max_volumetric_speed_mm3_s=most)
+        told = suggest(part, [], Options(printer=printer), WidthOptions(min_mm=low, max_mm=high, bands=bands))
+        rows = lines_of(told)
+        text = "\n".join(f"{key:8} {value}" for key, value in rows)
+        assert "-0.0" not in text
+        assert "+0.0" not in text
+        saved = 1 - told.seconds_after / told.seconds_before
+        advice = [value for key, value in rows if key == "advice"]
+        assert bool(advice) == (saved < 0.005), text
+        if advice and "as fast" in advice[0]:
+            assert abs(saved) <= 0.005
+        if advice and "faster" in advice[0]:
+            assert saved < -0.005
+        if advice and "would lose" in advice[0]:
+            assert told.finer_layers > 0
+            assert any(width < told.usual_width_mm for _, _, width in told.ranges)
+        else:
+            assert not told.finer_layers or saved >= 0.005
+        compared = [value for _, value in rows if "everywhere (" in value]
+        assert len(compared) == len(set(compared)) == (1 if low == told.usual_width_mm else 2)
+        percent = re.search(r"([+-][\d.]+) % against", compared[0])
+        assert (float(percent[1]) < 0) == (saved > 0) if percent else abs(saved) < 0.0006
+        (filament,) = [value for key, value in rows if key == "filament"]
+        assert f"{told.filament_after_mm / 1000:.3g} m" in filament
+        assert told.volume_mm3 == pytest.approx(told.filament_after_mm * math.pi * 1.75**2 / 4)

@@ -18,7 +18,7 @@ from layerfix.units import format_mm
 
 PROCESSES = ("resin", "fdm", "powder")
 MIRRORS = ("", "x", "y", "xy")
-GCODE_FLAVORS = ("marlin", "marlin2", "klipper", "reprap")
+GCODE_FLAVORS = ("marlin", "marlin2", "klipper", "reprap", "griffin")
 GCODE_PLACEHOLDERS = ("{nozzle_c}", "{bed_c}", "{first_layer_nozzle_c}", "{first_layer_bed_c}")
 
 
@@ -52,7 +52,7 @@ KEYS: dict[str, Key] = {
     "process":                    Key(str,   1, None, "",       "what draws a layer: panel, nozzle, beam", PROCESSES),
     "build_mm":                   Key(float, 3, None, "mm",     "(x, y, z) it can print"),
     "layer_mm":                   Key(float, 1, None, "mm",     "usual layer height"),
-    "first_layer_mm":             Key(float, 1, None, "mm",     "height of the first layer where it differs"),
+    "first_layer_mm":             Key(float, 1, None, "mm",     "of the first layer, if it differs"),
     "layer_range_mm":             Key(float, 2, None, "mm",     "lowest and highest layer"),
     "min_feature_mm":             Key(float, 1, None, "mm",     "default minimum printable feature"),
     "pixel_mm":                   Key(float, 2, None, "mm",     "(x, y) pitch of the layer image"),
@@ -90,7 +90,14 @@ KEYS: dict[str, Key] = {
     "gap_fill_mm_s":              Key(float, 1, None, "mm/s",   "of beads that fill gaps between walls"),
     "first_layer_mm_s":           Key(float, 1, None, "mm/s",   "of all beads of the first layer"),
     "travel_mm_s":                Key(float, 1, None, "mm/s",   "of moves that print nothing"),
+    "bridge_mm_s":                Key(float, 1, None, "mm/s",   "of beads laid over air"),
+    "bridge_flow":                Key(float, 1, None, "",       "their material, as a share of the usual", most=2),
     "acceleration_mm_s2":         Key(float, 1, None, "mm/s²",  "usual acceleration"),
+    "travel_acceleration_mm_s2":  Key(float, 1, None, "mm/s²",  "of travels, if it differs"),
+    "axis_mm_s":                  Key(float, 4, None, "mm/s",   "fastest X, Y, Z, E"),
+    "axis_mm_s2":                 Key(float, 4, None, "mm/s²",  "most of X, Y, Z, E"),
+    "axis_jerk_mm_s":             Key(float, 4, None, "mm/s",   "what they may change at once"),
+    "junction_deviation_mm":      Key(float, 1, None, "mm",     "of corners, instead of jerk"),
     "retract_mm":                 Key(float, 1, 0,    "mm",     "filament drawn back before a travel"),
     "retract_mm_s":               Key(float, 1, None, "mm/s",   "its speed"),
     "retract_lift_mm":            Key(float, 1, 0,    "mm",     "lift of the nozzle meanwhile"),
@@ -161,7 +168,14 @@ class Printer:
     gap_fill_mm_s: float | None = None
     first_layer_mm_s: float | None = None
     travel_mm_s: float | None = None
+    bridge_mm_s: float | None = None
+    bridge_flow: float | None = None
     acceleration_mm_s2: float | None = None
+    travel_acceleration_mm_s2: float | None = None
+    axis_mm_s: tuple[float, float, float, float] | None = None
+    axis_mm_s2: tuple[float, float, float, float] | None = None
+    axis_jerk_mm_s: tuple[float, float, float, float] | None = None
+    junction_deviation_mm: float | None = None
     retract_mm: float | None = None
     retract_mm_s: float | None = None
     retract_lift_mm: float | None = None
@@ -237,7 +251,8 @@ def description(printer: Printer) -> list[str]:
     for key, wanted in KEYS.items():
         value = getattr(printer, key)
         if value is not None and (value != "" or printer.pixels):  # without a panel, nothing is mirrored
-            text = _written(value, " to " if key.endswith("_range_mm") else " × ")
+            between = " to " if key.endswith("_range_mm") else ", " if key.startswith("axis_") else " × "
+            text = _written(value, between)
             rows.append((key, f"{text} {wanted.unit}".rstrip(), wanted.meaning))
     return _aligned(rows)
 

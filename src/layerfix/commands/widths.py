@@ -17,7 +17,7 @@ from layerfix.errors import InputError, OutputError
 from layerfix.fdm import settings_for
 from layerfix.fdm.bands import banded
 from layerfix.fdm.speeds import Speeds, written_time
-from layerfix.fdm.width_plan import WidthPlan
+from layerfix.fdm.width_plan import WidthPlan, with_first_layer
 from layerfix.files import check_apart, check_target
 from layerfix.formats import write
 from layerfix.formats.solid.width_files import SLICERS
@@ -25,6 +25,10 @@ from layerfix.layers.widths import Widths, suggest_widths
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from layerfix.fdm import PathSettings
+    from layerfix.fdm.speeds import ByArea
     from layerfix.formats.options import Own
     from layerfix.printers import Printer
     from layerfix.stack import Layer
@@ -49,8 +53,8 @@ class WidthOptions:
 class WidthSummary:
     """What was suggested and chosen.
 
-    Times are of beads alone, without travels: with the printer's usual width everywhere, with the narrowest of the
-    range everywhere (which prints every layer that is not too thin), and as chosen.
+    Times and filament are of beads alone, without travels: with the printer's usual width everywhere, with the
+    narrowest of the range everywhere (which prints every layer that is not too thin), and as chosen.
     """
 
     source: str
@@ -65,6 +69,11 @@ class WidthSummary:
     seconds_before: float
     seconds_narrowest: float
     seconds_after: float
+    filament_before_mm: float
+    filament_after_mm: float
+    volume_mm3: float
+    first_layer_width_mm: float
+    finer_layers: int
     melting_share: float
     limit: str
     seconds: float
@@ -112,7 +121,7 @@ def suggest(
     layer_mm = float(np.median(stack.z_mm[:, 1] - stack.z_mm[:, 0]))
     height_mm = 5 * layer_mm if wanted.band_height_mm is None else wanted.band_height_mm
     chosen = banded(suggested, wanted.bands, min_height_mm=height_mm)
-    summary = _add_up(source, targets, suggested, chosen, printer, settings.width_mm, started)
+    summary = _add_up(source, targets, suggested, chosen, printer, settings, started)
     told: list[str] = list(stack.notes)
     plan = WidthPlan(mesh, stack, suggested, chosen, printer, settings, asdict(summary))
 
@@ -138,22 +147,29 @@ def _add_up(
     suggested: Widths,
     chosen: Widths,
     printer: Printer,
-    usual_mm: float,
+    settings: PathSettings,
     started: float,
 ) -> WidthSummary:
-    speeds = Speeds(printer)
-    before, _ = speeds.seconds_by_area(chosen, np.full(len(chosen), usual_mm))
-    narrowest, _ = speeds.seconds_by_area(chosen, np.full(len(chosen), suggested.range_mm[0]))
-    after, melting = speeds.seconds_by_area(chosen, chosen.width_mm)
-    share = melting / after if after else 0.0
+    speeds, usual_mm = Speeds(printer), settings.width_mm
+    own_mm = settings.first_layer_width_mm
+
+    def taken(width_mm: NDArray[np.float64]) -> ByArea:
+        laid = with_first_layer(replace(chosen, width_mm=width_mm), own_mm)
+        shells = settings.top_layers, settings.bottom_layers
+        return speeds.by_area(laid, laid.width_mm, perimeters=settings.perimeters, density=settings.density,
+                              shells=shells)  # fmt: skip
+
+    before, narrowest = (taken(np.full(len(chosen), width)) for width in (usual_mm, suggested.range_mm[0]))
+    after = taken(chosen.width_mm)
+    share = after.melting_s / after.seconds if after.seconds else 0.0
     most = printer.max_volumetric_speed_mm3_s
     if most and share > 0.5:
-        gain = "gain little" if after < before else "cost time: their thicker walls are more to melt"
-        limit = f"melting: {most:g} mm³/s are reached in {100 * share:.0f} % of the time, so wider beads {gain}"
+        limit = f"melting: {most:g} mm³/s are reached in {100 * share:.0f} % of the time; there, wider is not faster"
     elif most:
         limit = f"the speeds set for the printer; melting ({most:g} mm³/s) limits {100 * share:.0f} % of the time"
     else:
         limit = "the speeds set for the printer; how much it can melt is not known (max_volumetric_speed_mm3_s)"
+    finer = ~suggested.too_thin & (suggested.width_mm < usual_mm - 1e-9)
     thin = np.flatnonzero(suggested.too_thin)
     stretches = np.split(thin, np.flatnonzero(np.diff(thin) > 1) + 1) if len(thin) else []
     too_thin_z = tuple((float(suggested.z_mm[s[0], 0]), float(suggested.z_mm[s[-1], 1])) for s in stretches)
@@ -167,9 +183,14 @@ def _add_up(
         too_thin_z_mm=too_thin_z,
         ranges=tuple(chosen.ranges()),
         usual_width_mm=usual_mm,
-        seconds_before=before,
-        seconds_narrowest=narrowest,
-        seconds_after=after,
+        seconds_before=before.seconds,
+        seconds_narrowest=narrowest.seconds,
+        seconds_after=after.seconds,
+        filament_before_mm=before.filament_mm,
+        filament_after_mm=after.filament_mm,
+        volume_mm3=after.volume_mm3,
+        first_layer_width_mm=float(with_first_layer(chosen, own_mm).width_mm[0]),
+        finer_layers=int(finer.sum()),
         melting_share=share,
         limit=limit,
         seconds=time.perf_counter() - started,
@@ -185,19 +206,45 @@ def lines_of(summary: WidthSummary) -> list[tuple[str, str]]:
         more = " …" if len(summary.too_thin_z_mm) > 6 else ""
         rows.append(("too thin", f"{summary.too_thin} layers, correct these: z = {shown}{more} mm"))
     rows += [("band", f"{format_mm(width)} from z = {a:.2f} to {b:.2f} mm") for a, b, width in summary.ranges]
-    rows.append(("time", f"{written_time(summary.seconds_after)} of laying beads"))
-    for width, seconds in ((summary.usual_width_mm, summary.seconds_before), (low, summary.seconds_narrowest)):
-        change = 100 * (summary.seconds_after / seconds - 1) if seconds else 0.0
-        rows.append(("", f"{change:+.1f} % against {format_mm(width)} everywhere ({written_time(seconds)})"))
+    if summary.ranges and abs(summary.ranges[0][2] - summary.first_layer_width_mm) > 1e-9:
+        rows.append(("layer 0", f"{format_mm(summary.first_layer_width_mm)}, the printer's own for its first layer"))
+    rows += _figures(summary)
     rows.append(("limit", summary.limit))
-    if summary.seconds_after > 0.995 * summary.seconds_before:
-        rows.append(
-            (
-                "advice",
-                f"not worth it: {format_mm(summary.usual_width_mm)} everywhere is as fast."
-                + (" Correct the thin layers first (layerfix fix)" if summary.too_thin else ""),
-            )
-        )
+    rows += [("advice", text) for text in _advice(summary)]
     rows += [("note", note) for note in summary.notes]
     rows += [("written", target) for target in summary.targets]
     return rows
+
+
+def _figures(summary: WidthSummary) -> list[tuple[str, str]]:
+    """Time and filament, each against the usual width, the time against the narrowest, too."""
+    usual, low = summary.usual_width_mm, summary.range_mm[0]
+    after = summary.seconds_after
+    rows = [("time", f"{written_time(after)} of laying beads alone (no travel, corners and cooling)")]
+    against = [(usual, summary.seconds_before), (low, summary.seconds_narrowest)]
+    for width, seconds in against[: 1 if abs(low - usual) < 1e-9 else 2]:
+        rows.append(("", f"{_change(after, seconds)} {format_mm(width)} everywhere ({written_time(seconds)})"))
+    metres, cubic = summary.filament_after_mm / 1000, summary.volume_mm3 / 1000
+    change = _change(summary.filament_after_mm, summary.filament_before_mm)
+    amount = f"about {metres:.3g} m, {cubic:.3g} cm³ by the layers' areas"
+    rows.append(("filament", f"{amount}, {change} {format_mm(usual)} everywhere"))
+    return rows
+
+
+def _change(after: float, before: float) -> str:
+    percent = round(100 * (after / before - 1), 1) if before else 0.0
+    return f"{percent:+.1f} % against" if percent else "as with"
+
+
+def _advice(summary: WidthSummary) -> list[str]:
+    """Whether it is worth it; nothing where time is saved."""
+    usual = format_mm(summary.usual_width_mm)
+    if summary.seconds_after <= 0.995 * summary.seconds_before:
+        return []
+    if summary.finer_layers:
+        return [
+            f"{summary.finer_layers} layers have parts that {usual} everywhere would lose: that is what it is for"
+        ]
+    speed = "faster" if summary.seconds_after > 1.005 * summary.seconds_before else "as fast"
+    thin = "; correct the thin layers first (layerfix fix)" if summary.too_thin else ""
+    return [f"not worth it: {usual} everywhere prints the same layers and is {speed}{thin}"]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.fdm.beads import EXTERNAL, GAP_FILL, KINDS, PERIMETER, SKIRT, Path, spacing_mm
+from layerfix.fdm.beads import EXTERNAL, KINDS, PERIMETER, SKIRT, Path, spacing_mm
 from layerfix.fdm.order import in_short_order, short_tour
 from layerfix.layers.components import components_at
 
@@ -19,33 +19,37 @@ if TYPE_CHECKING:
 
     Point = NDArray[np.float64]
 
-# What is laid together; inner perimeters first, so that the outer ones have something to lean on.
-STAGES = ((PERIMETER,), (EXTERNAL,), (GAP_FILL,), tuple(k for k in KINDS if k not in (PERIMETER, EXTERNAL, GAP_FILL)))
+# What is laid together; inner perimeters first, so that the outer ones have something to lean on. Gaps are filled on
+# the way of the infill: a tour of their own was a quarter of all travel.
+STAGES = ((PERIMETER,), (EXTERNAL,), tuple(k for k in KINDS if k not in (PERIMETER, EXTERNAL)))
 
 
 def arranged(
     paths: Sequence[Path], layer: Layer, stack: LayerStack, settings: PathSettings, index: int
-) -> tuple[list[Path], int]:
-    """(all paths in order, how many parts of the layer are smaller than the narrowest dot of the nozzle).
+) -> tuple[list[Path], list[int], int]:
+    """(all paths in order, a number of the separate part of the layer that each belongs to, how many parts are
+    smaller than the narrowest dot of the nozzle).
 
     Loops start where the seam is wanted. The nozzle comes from the rear left.
     """
     parts, small = _parts(paths, layer, stack, settings.range_mm[0])
     if not paths:
-        return [], small
+        return [], [], small
     where = np.array([stack.origin_mm[0], stack.origin_mm[1]])
     middles = np.array([paths[group[0]].points_mm[0] for group in parts])
     order, _ = short_tour(np.hstack([middles, middles]), *where.tolist())
     random = np.random.default_rng(index)
     out: list[Path] = []
+    numbers: list[int] = []
     for part in order.tolist():
         for stage in STAGES:
             chosen = [paths[k] for k in parts[part] if paths[k].kind in stage]
             for path in in_short_order(chosen, where):
                 laid = _with_seam(path, where, settings.seam, random)
                 out.append(laid)
+                numbers.append(part)
                 where = laid.points_mm[-1]
-    return out, small
+    return out, numbers, small
 
 
 def _parts(paths: Sequence[Path], layer: Layer, stack: LayerStack, dot_mm: float) -> tuple[list[list[int]], int]:

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 # What a path is, in the words of PrusaSlicer's `;TYPE:` comments, which the viewers know.
 EXTERNAL, PERIMETER, GAP_FILL = "External perimeter", "Perimeter", "Gap fill"
 SOLID, TOP, SPARSE, SKIRT = "Solid infill", "Top solid infill", "Internal infill", "Skirt/Brim"
-KINDS = (EXTERNAL, PERIMETER, GAP_FILL, SOLID, TOP, SPARSE, SKIRT)
+BRIDGE = "Bridge infill"
+KINDS = (EXTERNAL, PERIMETER, GAP_FILL, SOLID, TOP, SPARSE, SKIRT, BRIDGE)
 
 
 def overlap_mm(layer_mm: float) -> float:
@@ -74,16 +75,36 @@ class Path:
         return Path(points, np.roll(self.width_mm, -k), self.kind)
 
 
+@dataclass(frozen=True)
+class Hanging:
+    """A place where a layer lies over air: an "island" that nothing carries, a "bridge" held at both ends, or a
+    "ledge" held at one.
+
+    x_mm, y_mm  its middle, in the stack's own mm
+    length_mm   the island's longer side, the bridge's span, or how far the ledge reaches out
+    """
+
+    kind: str
+    x_mm: float
+    y_mm: float
+    length_mm: float
+
+
 @dataclass(frozen=True, eq=False)
 class LayerPaths:
     """The beads of one layer in the order they are laid; z_mm is (bottom, top).
 
-    small_parts counts separate parts of the layer that are smaller than a bead, so that they come out larger.
+    small_parts  how many separate parts of the layer are smaller than a bead, so that they come out larger
+    ways         for each path after the first: (m, 2) points on the way to its start that stays inside the solid, or
+                 None if it has to leave it (see `travel`); empty where that is not known
+    hanging      what lies over air (see `bridges`)
     """
 
     z_mm: tuple[float, float]
     paths: tuple[Path, ...]
     small_parts: int = 0
+    ways: tuple[Floats | None, ...] = ()
+    hanging: tuple[Hanging, ...] = ()
 
     @property
     def layer_mm(self) -> float:

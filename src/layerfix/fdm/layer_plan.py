@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from layerfix.bits import unpack
-from layerfix.fdm.beads import EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
+from layerfix.fdm.beads import BRIDGE, EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
 from layerfix.fdm.chains import needed_points
 from layerfix.fdm.fields import (
     NO_LEVEL,
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
+    from layerfix.fdm.bridges import Bridge
     from layerfix.fdm.settings import PathSettings
     from layerfix.stack import Layer
 
@@ -144,6 +145,7 @@ def plan_layer(
     origin_mm: tuple[float, float],
     width_mm: float,
     index: int,
+    bridges: Sequence[Bridge] = (),
 ) -> list[Path]:
     """The paths of a layer, in no order; `below` and `above` are its nearest neighbours (`each_with_neighbours`)."""
     import cv2
@@ -161,6 +163,7 @@ def plan_layer(
     paths, body = _rings(sheet, remaining)
     if body.any():
         open_parts = _open_parts(below, layer, above, settings, beads.usual / pixel_mm)
+        paths += _bridges(sheet, remaining, body, bridges)
         paths += _infill(sheet, remaining, body, open_parts, index)
     return paths
 
@@ -186,6 +189,25 @@ def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
             break
         take_off(remaining, half, body)
     return paths, body
+
+
+def _bridges(sheet: _Sheet, remaining: Field, body: Rows, bridges: Sequence[Bridge]) -> list[Path]:
+    """Lines over air, each region in its own direction; what they take is taken off `body`."""
+    usual = sheet.beads.usual
+    paths: list[Path] = []
+    inset_px = usual / 2 / sheet.pixel_mm + BORDER_PX
+    for bridge in bridges:
+        where = bordered(bridge.rows, sheet.box) & body
+        if not (bordered(bridge.over_air, sheet.box) & body).any():  # perimeters fill it
+            continue
+        body &= ~where
+        if body.any():
+            where = where & ~dilate(body, remaining.shape[1], (inset_px, inset_px))
+        field = field_within(remaining, where, np.float32((0.5 - INFILL_OVERLAP) * usual))
+        for points in rectilinear(field, bridge.angle, usual / sheet.pixel_mm, -0.3 * usual, sheet.corner_px):
+            if _length(points) * sheet.pixel_mm > sheet.width_mm / 2:
+                paths += sheet.path(np.column_stack([points, np.full(len(points), usual)]), BRIDGE)
+    return paths
 
 
 def _infill(sheet: _Sheet, remaining: Field, body: Rows, open_parts: tuple[Rows, Rows], index: int) -> list[Path]:

@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from layerfix.fdm.beads import (
+    BRIDGE,
     EXTERNAL,
     GAP_FILL,
+    KINDS,
     PERIMETER,
     SKIRT,
     SOLID,
     SPARSE,
     TOP,
-    LayerPaths,
-    Path,
     overlap_mm,
-    section_mm2,
 )
 
 if TYPE_CHECKING:
@@ -38,6 +37,8 @@ USUAL = {
     "solid_infill_mm_s": 60.0,
     "top_infill_mm_s": 40.0,
     "gap_fill_mm_s": 40.0,
+    "bridge_mm_s": 25.0,
+    "bridge_flow": 1.0,
     "first_layer_mm_s": 20.0,
     "travel_mm_s": 120.0,
     "acceleration_mm_s2": 1000.0,
@@ -55,9 +56,8 @@ KEY_OF = {
     TOP: "top_infill_mm_s",
     GAP_FILL: "gap_fill_mm_s",
     SKIRT: "first_layer_mm_s",
+    BRIDGE: "bridge_mm_s",
 }
-# A layer that is done sooner is still soft under the next one, so it is laid slower, but not slower than this.
-LEAST_LAYER_S, LEAST_MM_S = 8.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -71,60 +71,84 @@ class Speeds:
         known = getattr(self.printer, key)
         return float(USUAL[key] if known is None else known)
 
-    def bead_mm_s(self, kind: str, section_mm2: Floats | float, *, first_layer: bool) -> Floats:
-        """Speed for a kind of path: slower on the first layer and where more would have to melt than can."""
-        usual = self.value(KEY_OF[kind])
-        wanted = min(usual, self.value("first_layer_mm_s")) if first_layer else usual
+    @property
+    def travel_mm_s2(self) -> float:
+        """Acceleration of travels: another one only in dialects that can tell it apart."""
+        own = self.printer.travel_acceleration_mm_s2
+        apart = self.printer.gcode_flavor in ("marlin2", "reprap")
+        return own if own and apart else self.value("acceleration_mm_s2")
+
+    def flow(self, kind: str) -> float:
+        """Material of a kind of bead, as a share of the usual."""
+        return self.value("bridge_flow") if kind == BRIDGE else 1.0
+
+    def bead_mm_s(self, kind: NDArray[np.int64], section_mm2: Floats, *, first_layer: bool) -> Floats:
+        """(n,) speeds of beads of these kinds (numbers in KINDS) and cross-sections: slower on the first layer and
+        where more would have to melt than can."""
+        usual = np.array([self.value(KEY_OF[name]) for name in KINDS])
+        if first_layer:
+            usual = np.minimum(usual, self.value("first_layer_mm_s"))
         most = self.printer.max_volumetric_speed_mm3_s or math.inf
-        return np.minimum(wanted, most / np.asarray(section_mm2))
+        speeds: Floats = np.minimum(usual[kind], most / section_mm2)
+        return speeds
 
-    def path_mm_s(self, path: Path, layer_mm: float, *, first_layer: bool, slowed: float = 1.0) -> Floats:
-        """Speed of each piece of a path; `slowed` multiplies it, but not below LEAST_MM_S."""
-        fast = self.bead_mm_s(path.kind, section_mm2(path.width_mm, layer_mm), first_layer=first_layer)
-        return np.maximum(fast * slowed, np.minimum(fast, LEAST_MM_S))
+    def by_area(
+        self,
+        widths: Widths,
+        width_mm: Floats,
+        *,
+        perimeters: int = 2,
+        density: float = 0.2,
+        shells: tuple[int, int] = (4, 4),
+    ) -> ByArea:
+        """What all layers take with these widths, (layers,), before anything is planned.
 
-    def seconds(self, layer: LayerPaths, *, first_layer: bool, slowed: float = 1.0) -> float:
-        """How long a layer takes: every path and travel from standstill to standstill."""
-        acceleration = self.value("acceleration_mm_s2")
-        travel = self.value("travel_mm_s")
-        total = 0.0
-        for path in layer.paths:
-            speed = self.path_mm_s(path, layer.layer_mm, first_layer=first_layer, slowed=slowed)
-            total += float((path.lengths_mm / speed).sum()) + float(speed[0]) / acceleration
-        for way in layer.travels_mm():
-            top = min(travel, math.sqrt(way * acceleration))
-            total += way / top + top / acceleration if way else 0.0
-            if way > self.value("retract_before_travel_mm"):
-                total += 2 * self.value("retract_mm") / self.value("retract_mm_s")
-        return total
-
-    def seconds_by_area(
-        self, widths: Widths, width_mm: Floats, *, perimeters: int = 2, density: float = 0.2
-    ) -> tuple[float, float]:
-        """(seconds to lay all layers with these widths, how many of them melting sets the pace), without travels.
-
-        A layer's beads are `perimeters` loops along its outlines and infill of `density` in the rest of its area.
+        A layer's beads are `perimeters` loops along its outlines and infill of `density` in the rest of its area;
+        solid is what of its area is more than that of the layers over it and under it (shells: how many of them count
+        at the top, at the bottom).
         """
         layer_mm = widths.z_mm[:, 1] - widths.z_mm[:, 0]
         spacing = width_mm - overlap_mm(1.0) * layer_mm
         section = spacing * layer_mm
         loops = np.minimum(perimeters * widths.outline_mm, widths.area_mm2 / spacing)
         outer = np.minimum(widths.outline_mm, loops)
-        filling = np.maximum(widths.area_mm2 - loops * spacing, 0) / spacing * density
+        rest = np.maximum(widths.area_mm2 - loops * spacing, 0)
+        solid = np.minimum(rest, widths.area_mm2 - _covered_mm2(widths.area_mm2, *shells))
         first = np.arange(len(widths)) == 0
         most = (self.printer.max_volumetric_speed_mm3_s or math.inf) / section
-        total, melting = 0.0, 0.0
-        for kind, length in ((EXTERNAL, outer), (PERIMETER, loops - outer), (SPARSE, filling)):
+        total, melting, mm3 = 0.0, 0.0, 0.0
+        for kind, length in (
+            (EXTERNAL, outer),
+            (PERIMETER, loops - outer),
+            (SOLID, solid / spacing),
+            (SPARSE, (rest - solid) / spacing * density),
+        ):
             usual = self.value(KEY_OF[kind])
             wanted = np.where(first, min(usual, self.value("first_layer_mm_s")), usual)
             seconds = length / np.minimum(wanted, most)
             total += float(seconds.sum())
             melting += float(seconds[most < wanted].sum())
-        return total, melting
+            mm3 += float((length * section).sum())
+        return ByArea(total, melting, mm3, mm3 / (math.pi * self.value("filament_mm") ** 2 / 4))
 
-    def slowed(self, seconds: float) -> float:
-        """By how much to multiply the speeds of a layer that would be done in so many seconds, at most 1."""
-        return min(1.0, max(seconds, 1e-9) / LEAST_LAYER_S)
+
+@dataclass(frozen=True)
+class ByArea:
+    """Of laying all beads, without travels, corners and slow small layers: how long, how much of that melting sets
+    the pace, material, and length of filament."""
+
+    seconds: float
+    melting_s: float
+    volume_mm3: float
+    filament_mm: float
+
+
+def _covered_mm2(area_mm2: Floats, above: int, below: int) -> Floats:
+    """(layers,) the least area of each layer and so many over and under it; nothing is beyond the ends."""
+    padded = np.concatenate([np.zeros(below), area_mm2, np.zeros(above)])
+    around = np.lib.stride_tricks.sliding_window_view(padded, above + below + 1)
+    covered: Floats = around.min(axis=1) if len(area_mm2) else area_mm2
+    return covered
 
 
 def written_time(seconds: float) -> str:

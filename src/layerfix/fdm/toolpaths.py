@@ -11,8 +11,10 @@ import numpy as np
 from layerfix.errors import InputError
 from layerfix.fdm.arrange import arranged, skirt
 from layerfix.fdm.beads import LayerPaths
+from layerfix.fdm.bridges import OverAir, over_air
 from layerfix.fdm.layer_plan import plan_layer
 from layerfix.fdm.settings import PathSettings
+from layerfix.fdm.travel import ways_inside
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
@@ -44,7 +46,7 @@ class Toolpaths(Sequence[LayerPaths]):
         if isinstance(index, slice):
             return [self[k] for k in range(len(self))[index]]
         k = range(len(self))[index]
-        first = max(k - self.settings.bottom_layers, 0)
+        first = max(k - self._below, 0)
         around = [self.stack[i] for i in range(first, min(k + self._above + 1, len(self)))]
         return self._plan(k, around[: k - first], around[k - first], around[k - first + 1 :])
 
@@ -57,7 +59,11 @@ class Toolpaths(Sequence[LayerPaths]):
         def plan(k: int, below: Sequence[Layer], layer: Layer, above: Sequence[Layer]) -> tuple[Layer, LayerPaths]:
             return layer.without_pixels(), self._plan(k, below, layer, above)
 
-        return self.stack.each_with_neighbours(plan, below=self.settings.bottom_layers, above=self._above)
+        return self.stack.each_with_neighbours(plan, below=self._below, above=self._above)
+
+    @property
+    def _below(self) -> int:
+        return max(self.settings.bottom_layers, 1)
 
     @property
     def _above(self) -> int:
@@ -70,12 +76,16 @@ class Toolpaths(Sequence[LayerPaths]):
         touching_below = k - int(apart[apart <= k].max(initial=0))
         touching_above = int(apart[apart > k].min(initial=len(stack))) - 1 - k
         below, above = below[max(len(below) - touching_below, 0) :], above[:touching_above]
+        air = over_air(below[-1] if below else None, layer, stack, width) if k else OverAir()
         paths = plan_layer(below, layer, above, settings=self.settings, pixel_mm=stack.pixel_mm[0],
-                           origin_mm=stack.origin_mm, width_mm=width, index=k)  # fmt: skip
-        ordered, small = arranged(paths, layer, stack, self.settings, k)
-        if k == 0 and self.settings.skirt_loops:
-            ordered = [*skirt(layer, stack, self.settings, width), *ordered]
-        return LayerPaths(layer.z_mm, tuple(ordered), small)
+                           origin_mm=stack.origin_mm, width_mm=width, index=k,
+                           bridges=air.bridges)  # fmt: skip
+        ordered, parts, small = arranged(paths, layer, stack, self.settings, k)
+        ways = ways_inside(ordered, parts, layer.rows, stack)
+        if k == 0 and self.settings.skirt_loops and ordered:
+            loops = skirt(layer, stack, self.settings, width)
+            ordered, ways = [*loops, *ordered], (*[None] * len(loops), *ways)
+        return LayerPaths(layer.z_mm, tuple(ordered), small, ways, air.hanging)
 
 
 def plan_toolpaths(stack: LayerStack, settings: PathSettings, *, width_mm: ArrayLike | None = None) -> Toolpaths:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -12,6 +12,17 @@ if TYPE_CHECKING:
     from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import LayerStack
+
+ON_BED_MM = 1e-6
+
+
+def with_first_layer(widths: Widths, width_mm: float | None) -> Widths:
+    """The same widths, but for the first layer if it lies on the bed and has a width of its own."""
+    if width_mm is None or not len(widths) or widths.z_mm[0, 0] > ON_BED_MM:
+        return widths
+    out = widths.width_mm.copy()
+    out[0] = width_mm
+    return replace(widths, width_mm=out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +45,11 @@ class WidthPlan:
     printer: Printer
     settings: PathSettings
     summary: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def laid(self) -> Widths:
+        """The chosen widths as they are laid: the first layer on the bed has the printer's own, in slicers too."""
+        return with_first_layer(self.chosen, self.settings.first_layer_width_mm)
 
     def corrected(self) -> LayerStack:
         """The layers with what is too thin for the narrowest of the widths thickened to it."""

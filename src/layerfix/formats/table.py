@@ -92,7 +92,7 @@ KINDS = {
 AS_LAYERS: dict[str, Callable[[Any], tuple[Any, dict[str, Any]]]] = {
     "outlines": lambda contours: (contours.stack, {"tolerance_mm": contours.tolerance_mm}),
     "paths": lambda paths: (paths.stack, {"paths": paths.settings, "width_mm": paths.width_mm}),
-    "widths": lambda plan: (plan.corrected(), {"paths": plan.settings, "width_mm": plan.chosen.width_mm}),
+    "widths": lambda plan: (plan.corrected(), {"paths": plan.settings, "width_mm": plan.laid.width_mm}),
 }
 
 

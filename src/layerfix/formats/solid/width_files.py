@@ -122,7 +122,7 @@ def table(suggested: Widths, chosen: Widths) -> list[dict[str, Any]]:
 
 def write_csv(path: Path, plan: WidthPlan, options: WriteOptions) -> None:
     """The table with a line of names."""
-    rows = table(plan.suggested, plan.chosen)
+    rows = table(plan.suggested, plan.laid)
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -133,7 +133,7 @@ def write_csv(path: Path, plan: WidthPlan, options: WriteOptions) -> None:
 
 def write_json(path: Path, plan: WidthPlan, options: WriteOptions) -> None:
     """The summary, and the table under "table"."""
-    rows = table(plan.suggested, plan.chosen)
+    rows = table(plan.suggested, plan.laid)
     with whole_file(path, force=options.force) as file:
         file.write((json.dumps({**plan.summary, "table": rows}, indent=1) + "\n").encode())
 

@@ -17,7 +17,9 @@ from layerfix.errors import InputError
 from layerfix.fdm.beads import LayerPaths, Path, overlap_mm
 from layerfix.files import reading
 
-WORD = re.compile(r"([A-Z])\s*([-+]?\d*\.?\d+)")
+WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
+REST = re.compile(r"\([^)]*\)|\*\s*\d+|N\d+|\s")  # what else a move may hold: remarks, a checksum, its line's number
+LARGEST = 1e9  # mm: of more, no square is taken
 UNPRINTED = ("custom",)
 ARC_STEP = math.pi / 18  # radians
 LAYER_MARKS = (";LAYER_CHANGE", ";LAYER:")  # what comes before the first is the start code, with its priming line
@@ -68,9 +70,7 @@ def read_gcode(path: str | FilePath, *, filament_mm: float = 1.75) -> list[Layer
     path = FilePath(path)
     with reading(path):
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    said = next((re.search(r"filament_diameter = ([\d.]+)", line) for line in reversed(lines[-400:])
-                 if "filament_diameter" in line), None)  # fmt: skip
-    filament_mm2 = math.pi * (float(said[1]) if said else filament_mm) ** 2 / 4
+    filament_mm2 = math.pi * (_filament_mm(path, lines) or filament_mm) ** 2 / 4
     state = _State()
     found: dict[float, list[_Laid]] = {}
     heights: dict[float, float] = {}
@@ -81,10 +81,12 @@ def read_gcode(path: str | FilePath, *, filament_mm: float = 1.75) -> list[Layer
         if comment:
             _comment(state, comment.strip(), found)
         state.printing = begun
-        words = dict(WORD.findall(code.upper()))
-        values = {key: float(value) for key, value in words.items()}
-        if not all(map(math.isfinite, values.values())):
+        code = code.upper()
+        values = {key: float(value) for key, value in WORD.findall(code)}
+        if any(abs(value) > LARGEST for value in values.values()):
             raise InputError(f"{path}: line {number} holds a number that is too large")
+        if values.get("G") in (0, 1, 2, 3, 92) and REST.sub("", WORD.sub("", code)):
+            raise InputError(f"{path}: line {number} is no move that can be read: {_short(code)}")
         if values:
             _move(state, values, filament_mm2, found, heights)
     _finish(state, found)
@@ -93,9 +95,28 @@ def read_gcode(path: str | FilePath, *, filament_mm: float = 1.75) -> list[Layer
     layers, below = [], 0.0
     for z in sorted(found):
         bottom = z - heights[z] if z in heights else below
+        if z <= bottom:
+            raise InputError(f"{path}: lays beads at z = {z:g} mm, where there is no room for a layer's height")
         layers.append(LayerPaths((bottom, z), tuple(laid.path(z - bottom) for laid in found[z])))
         below = z
     return layers
+
+
+def _filament_mm(path: FilePath, lines: list[str]) -> float | None:
+    """The diameter that a slicer says among its settings at the end, of the first extruder; None if it does not."""
+    line = next((line for line in reversed(lines[-400:]) if "filament_diameter =" in line), None)
+    if line is None:
+        return None
+    text = line.partition("filament_diameter =")[2].partition(",")[0].strip()
+    if not re.fullmatch(r"\d{0,6}\.?\d{1,9}|\d{1,6}\.", text) or not float(text):
+        raise InputError(f"{path}: filament_diameter = {_short(text)} is no length in mm")
+    return float(text)
+
+
+def _short(text: str) -> str:
+    """Not all of a line that somebody has made long."""
+    text = text.strip()
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _comment(state: _State, text: str, found: dict[float, list[_Laid]]) -> None:
