@@ -23,9 +23,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.bits import unpack
+from layerfix.bits import pack, unpack
+from layerfix.fdm.balance import CELL_MM, Room, balanced
 from layerfix.fdm.beads import EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
 from layerfix.fdm.chains import needed_points
+from layerfix.fdm.covering import lay, lay_the_rest
 from layerfix.fdm.fields import (
     NO_LEVEL,
     bits_above,
@@ -72,6 +74,7 @@ SPOT = 25.0  # thick parts of fewer square spacings than this get no infill
 WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
 WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
+KNOT = 1.0  # square spacings inside a loop that is no loop where single beads come together
 LEAST_GAP = 0.7  # of the narrowest spacing: what is thinner is left open
 
 
@@ -159,10 +162,30 @@ def plan_layer(
     remaining: Field = np.asarray(cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
     to_edge_mm(remaining, np.float32(pixel_mm), np.float32(extra / 2))
     paths, body = _rings(sheet, remaining)
+    sparse = np.zeros_like(body)
     if body.any():
         open_parts = _open_parts(below, layer, above, settings, beads.usual / pixel_mm)
-        paths += _infill(sheet, remaining, body, open_parts, index)
-    return paths
+        infill, sparse = _infill(sheet, remaining, body, open_parts, index)
+        paths += infill
+    solid = [path for path in paths if path.kind != SPARSE]
+    room = _room(sheet, image, sparse)
+    solid = balanced(solid, room, overlap_mm=extra, range_mm=settings.range_mm, step_mm=WIDTH_STEP_MM)
+    return solid + [path for path in paths if path.kind == SPARSE]
+
+
+def _room(sheet: _Sheet, image: NDArray[np.uint8], sparse: Rows) -> Room:
+    """What is to be filled: the layer's image but for the pixels of `sparse` (packed), in cells of some pixels."""
+    import cv2
+
+    if sparse.any():
+        image = image & ~unpack(sparse, image.shape[1]).view(np.uint8)
+    size = max(round(CELL_MM / sheet.pixel_mm), 1)
+    high, wide = (-(-n // size) for n in image.shape)
+    whole = np.zeros((high * size, wide * size), np.float32)
+    whole[: image.shape[0], : image.shape[1]] = image
+    share = np.asarray(cv2.resize(whole, (wide, high), interpolation=cv2.INTER_AREA), np.float32)
+    corner = (sheet.corner_px - 0.5) * np.array([sheet.pixel_mm, -sheet.pixel_mm]) + np.array(sheet.origin_mm)
+    return Room(share, corner, size * sheet.pixel_mm)
 
 
 def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
@@ -170,16 +193,21 @@ def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
     paths: list[Path] = []
     half = np.empty_like(remaining)
     body = np.zeros((remaining.shape[0], remaining.shape[1] // 64), np.uint64)
+    laid = np.zeros(remaining.shape, np.uint8)
     for level in range(sheet.settings.perimeters):
         ring = plan_ring(remaining, half, sheet.beads, sheet.pixel_mm, loops=True, feature=level == 0)
         for line in ring.loops:
             paths += sheet.path(line, EXTERNAL if level == 0 else PERIMETER)
-        for line in ring.chains:
+            lay(laid, line, sheet.pixel_mm)
+        for line in lay_the_rest(laid, ring.chains, sheet.pixel_mm):
             paths += sheet.path(line, EXTERNAL if level == 0 else GAP_FILL)
         take_off(remaining, half, body)
     for _ in range(2):  # three beads in a thin place are two rounds
         ring = plan_ring(remaining, half, sheet.beads, sheet.pixel_mm, loops=False, feature=False)
-        for line in ring.loops + ring.chains:
+        for line in ring.loops:
+            paths += sheet.path(line, GAP_FILL)
+            lay(laid, line, sheet.pixel_mm)
+        for line in lay_the_rest(laid, ring.chains, sheet.pixel_mm):
             paths += sheet.path(line, GAP_FILL)
         body |= ring.thick
         if not ring.loops:
@@ -188,8 +216,11 @@ def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
     return paths, body
 
 
-def _infill(sheet: _Sheet, remaining: Field, body: Rows, open_parts: tuple[Rows, Rows], index: int) -> list[Path]:
-    """Lines where `body` (packed) is: solid in the open parts, sparse elsewhere; turned from layer to layer."""
+def _infill(
+    sheet: _Sheet, remaining: Field, body: Rows, open_parts: tuple[Rows, Rows], index: int
+) -> tuple[list[Path], Rows]:
+    """(lines where `body` (packed) is: solid in the open parts, sparse elsewhere; turned from layer to layer; where
+    they are sparse, packed)."""
     density, usual = sheet.settings.density, sheet.beads.usual
     solid, bare = (bordered(rows, sheet.box) for rows in open_parts)
     if density > 1 - 1e-9:
@@ -213,7 +244,7 @@ def _infill(sheet: _Sheet, remaining: Field, body: Rows, open_parts: tuple[Rows,
             for part, on_top in _parted(points, bare) if share == 1.0 else [(points, False)]:
                 kind = SPARSE if share < 1.0 else TOP if on_top else SOLID
                 paths += sheet.path(np.column_stack([part, np.full(len(part), usual)]), kind)
-    return paths
+    return paths, body & ~solid
 
 
 def _parted(points: Floats, mask: Rows) -> list[tuple[Floats, bool]]:
@@ -273,16 +304,16 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     smooth = np.asarray(cv2.GaussianBlur(remaining, (0, 0), SMOOTH_PX), np.float32)
     copy_outside(remaining, thick, smooth)
     inside = bits_higher(smooth, half)
-    points, starts = level_loops(smooth, half, inside)
     chosen = thickness < beads.one
+    if chosen.any():
+        chosen |= _single_knots(inside, half, rows, columns, chosen, beads, pixel_mm)
+    points, starts = level_loops(smooth, half, inside)
     if not feature:
         chosen &= thickness >= LEAST_GAP * beads.narrowest
     if chosen.any():
-        reach = beads.usual / 2 / pixel_mm
-        covered = unpack(dilate(inside, width, (reach, reach)), width)
-        chosen &= ~covered[rows, columns]
         line = rows[chosen], columns[chosen], middle[chosen]
-        chains = bead_lines(*line, remaining, pixel_mm, beads.narrowest, dots=feature)
+        blocked = unpack(thick, width) | (half < NO_LEVEL / 2)
+        chains = bead_lines(*line, np.where(blocked, 0, remaining), pixel_mm, beads.narrowest, dots=feature)
     points[:, 2] *= 2
     found = [
         np.concatenate([points[a:b], points[a : a + 1]])
@@ -290,6 +321,32 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
         if _length(points[a:b]) * pixel_mm > 0.6 * beads.narrowest
     ]
     return Ring(found, chains, thick)
+
+
+def _single_knots(
+    inside: Rows,
+    half: Field,
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    single: NDArray[np.bool_],
+    beads: Beads,
+    pixel_mm: float,
+) -> NDArray[np.bool_]:
+    """Which pixels of the skeleton, (n,), lie in knots: places for two beads, but so small that their loop would be a
+    dot, where single ones come together. Those go on through them. `inside` and `half` forget their loops.
+    """
+    width = half.shape[1]
+    knots = smaller_than(inside, KNOT * (beads.usual / pixel_mm) ** 2)
+    if not knots.any():
+        return np.zeros(len(rows), np.bool_)
+    arms = np.zeros(half.shape, np.bool_)
+    arms[rows[single], columns[single]] = True
+    reach = beads.one / 2 / pixel_mm + 1.5
+    knots &= flood(dilate(pack(arms), width, (reach, reach)), knots)
+    half[pixels_of(knots)] = NO_LEVEL
+    inside &= ~knots
+    near = unpack(dilate(knots, width, (reach, reach)), width)
+    return np.asarray(near[rows, columns])
 
 
 def _paint_lobes(local: Field, remaining: Field, thick: Rows, beads: Beads, pixel_mm: float) -> None:

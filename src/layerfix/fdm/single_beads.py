@@ -44,7 +44,6 @@ def bead_lines(
     chains, open_ends = _joined([points[a:b] for a, b in pairwise(starts)])
     known = dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), middle.tolist(), strict=True))
     beads: list[Floats] = []
-    vanished: list[tuple[float, Floats]] = []
     for chain, ends in zip(chains, open_ends, strict=True):
         facts = np.array([known[int(x), int(y)] for x, y in chain])
         spacing, chain = facts[:, 0], chain + facts[:, 1:] / pixel_mm
@@ -56,19 +55,10 @@ def bead_lines(
         line = np.column_stack([_smoothed(chain[:, 0]), _smoothed(chain[:, 1]), _smoothed(spacing)])
         for end in (0, 1):
             line = line[::-1]
-            if ends[1 - end] and len(line):
+            if ends[1 - end]:
                 line = _carried_on(line, remaining, pixel_mm)
-            elif len(line) and not _ring(chain):
-                line = _trimmed(line, line[-1, 2] / 2 / pixel_mm)
         if len(line) > 1 and np.ptp(line[:, :2], axis=0).max() > 0:
             beads.append(line)
-        else:  # trimmed away from both sides
-            k = int(spacing.argmax())
-            vanished.append((float(spacing[k]), chain[k]))
-    for thickest, middle_px in sorted(vanished, key=lambda each: -each[0]):
-        near = any(np.hypot(*(line[:, :2] - middle_px).T).min() * pixel_mm < thickest for line in beads)
-        if (dots or thickest >= narrowest_mm) and not near:
-            beads.append(_dot(middle_px, thickest, narrowest_mm, pixel_mm))
     return beads
 
 
@@ -116,13 +106,6 @@ def _carried_on(line: Floats, remaining: Field, pixel_mm: float) -> Floats:
     if not far:
         return line
     return np.vstack([line, [x + far * step[0], y + far * step[1], spacing]])
-
-
-def _trimmed(line: Floats, length_px: float) -> Floats:
-    """The line without its last stretch: there the bead that goes on through the junction lies."""
-    away = np.hypot(*(line[:, :2] - line[-1, :2]).T)
-    kept = line[: len(line) - int(np.argmax(away[::-1] > length_px))] if (away > length_px).any() else line[:0]
-    return kept
 
 
 def _joined(chains: list[Floats]) -> tuple[list[Floats], list[tuple[bool, bool]]]:

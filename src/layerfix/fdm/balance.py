@@ -1,0 +1,169 @@
+"""The widths of a layer's beads, so that everywhere as much is laid as there is room for.
+
+Rings and lines are right where a place is even; where it gets wider, bends or meets others they leave a little open
+or lie on each other. Here all beads are laid on a coarse raster, which is compared with the layer: both blurred, as
+the nozzle evens out what it lays. Then each piece of a bead is multiplied by what is wanted over what is laid, within
+the widths that the nozzle lays, and laid again: the iteration of Richardson (1972) and Lucy (1974), whose fixed
+points are the most likely amounts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit, types
+
+from layerfix.fdm.beads import Path
+from layerfix.fdm.fields import FIELD, MUTABLE_FIELD, POINTS, STARTS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Field = NDArray[np.float32]
+    Floats = NDArray[np.float64]
+
+CELL_MM = 0.2  # of the raster
+BLUR_MM = 0.22
+PIECE_MM = 0.2  # at most; each is laid at its middle
+ROUNDS = 4
+WANTED = 0.98  # of the area times the height: round sides leave a little open
+LET_BE = 0.06  # what is off by less keeps its width: wide and narrow by turns is no better, and makes long files
+MOST = np.float32(3)  # by which anything is multiplied: what no bead comes near does not blow up those beside it
+NUMBERS = types.Array(types.float64, 1, "C")
+
+
+@dataclass(frozen=True)
+class Room:
+    """What is to be filled: (H, W) float32, the share of each cell, and where its corner lies.
+
+    corner_mm  x, y of the upper left corner of cell (0, 0); cell_mm its side
+    """
+
+    share: Field
+    corner_mm: Floats
+    cell_mm: float
+
+
+@njit(types.void(MUTABLE_FIELD, POINTS, NUMBERS), cache=True, nogil=True)
+def splat(field, points, amounts):  # type: ignore[no-untyped-def]
+    """Add amounts at points (n, 2), x, y in cells, shared between the four cells round each."""
+    height, width = field.shape
+    for k in range(points.shape[0]):
+        x, y = points[k, 0] - 0.5, points[k, 1] - 0.5
+        i, j = int(np.floor(x)), int(np.floor(y))
+        if 0 <= i < width - 1 and 0 <= j < height - 1:
+            u, v = x - i, y - j
+            field[j, i] += amounts[k] * (1 - u) * (1 - v)
+            field[j, i + 1] += amounts[k] * u * (1 - v)
+            field[j + 1, i] += amounts[k] * (1 - u) * v
+            field[j + 1, i + 1] += amounts[k] * u * v
+
+
+@njit(types.void(MUTABLE_FIELD, FIELD), cache=True, nogil=True)
+def shortage(laid, wanted):  # type: ignore[no-untyped-def]
+    """laid = wanted / laid, at most MOST."""
+    for j in range(laid.shape[0]):
+        for i in range(laid.shape[1]):
+            if wanted[j, i] <= 0:
+                laid[j, i] = 0
+            else:
+                laid[j, i] = wanted[j, i] / max(laid[j, i], wanted[j, i] / MOST)
+
+
+@njit(types.void(FIELD, POINTS, NUMBERS, types.float64, types.float64), cache=True, nogil=True)
+def multiply(factor, points, spacings, low, high):  # type: ignore[no-untyped-def]
+    """spacings *= factor at points (n, 2), x, y in cells, kept within low … high."""
+    height, width = factor.shape
+    for k in range(points.shape[0]):
+        x, y = points[k, 0] - 0.5, points[k, 1] - 0.5
+        i, j = int(np.floor(x)), int(np.floor(y))
+        if 0 <= i < width - 1 and 0 <= j < height - 1:
+            u, v = x - i, y - j
+            a = (1 - v) * ((1 - u) * factor[j, i] + u * factor[j, i + 1])
+            a += v * ((1 - u) * factor[j + 1, i] + u * factor[j + 1, i + 1])
+            spacings[k] = min(max(spacings[k] * a, low), high)
+
+
+@njit(types.Tuple((POINTS, STARTS))(POINTS, STARTS, types.float64), cache=True, nogil=True)
+def in_pieces(points, starts, longest):  # type: ignore[no-untyped-def]
+    """Polylines cut into pieces of at most `longest`: (m, 5) x, y of the middle, spacing, length, and which piece of
+    the polylines it is part of, and the starts of the polylines in it.
+
+    points: (n, 3) x, y and the spacing of the piece that begins there; starts: (polylines + 1,) rows of it
+    """
+    count = 0
+    for p in range(starts.shape[0] - 1):
+        for k in range(starts[p], starts[p + 1] - 1):
+            length = np.hypot(points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1])
+            count += max(int(np.ceil(length / longest)), 1)
+    out, begins = np.empty((count, 5)), np.zeros(starts.shape[0], np.int64)
+    n = 0
+    for p in range(starts.shape[0] - 1):
+        for k in range(starts[p], starts[p + 1] - 1):
+            dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+            length = np.hypot(dx, dy)
+            parts = max(int(np.ceil(length / longest)), 1)
+            for i in range(parts):
+                t = (i + 0.5) / parts
+                out[n, 0], out[n, 1] = points[k, 0] + t * dx, points[k, 1] + t * dy
+                out[n, 2], out[n, 3], out[n, 4] = points[k, 2], length / parts, k
+                n += 1
+        begins[p + 1] = n
+    return out, begins
+
+
+def balanced(
+    paths: Sequence[Path], room: Room, *, overlap_mm: float, range_mm: tuple[float, float], step_mm: float
+) -> list[Path]:
+    """The paths with widths that fill the room, in steps of `step_mm` from the path's own."""
+    import cv2
+
+    if not paths:
+        return []
+    points = np.concatenate([np.column_stack([p.points_mm, np.append(p.width_mm, 0.0)]) for p in paths])
+    starts = np.cumsum([0] + [len(p.points_mm) for p in paths])
+    pieces, begins = in_pieces(points, starts, PIECE_MM)
+    cells = np.ascontiguousarray((pieces[:, :2] - room.corner_mm) * np.array([1, -1]) / room.cell_mm)
+    before = pieces[:, 2] - overlap_mm
+    spacings, areas = before.copy(), pieces[:, 3] / room.cell_mm**2
+    low, high = range_mm[0] - overlap_mm, range_mm[1] - overlap_mm
+    blur = {"ksize": (0, 0), "sigmaX": BLUR_MM / room.cell_mm, "borderType": cv2.BORDER_CONSTANT}
+    wanted = room.share * np.float32(WANTED)
+    for _ in range(ROUNDS):
+        laid = np.zeros_like(wanted)
+        splat(laid, cells, spacings * areas)
+        laid = np.asarray(cv2.GaussianBlur(laid, **blur), np.float32)
+        shortage(laid, wanted)
+        multiply(np.asarray(cv2.GaussianBlur(laid, **blur), np.float32), cells, spacings, low, high)
+    changed = np.abs(spacings / before - 1) > LET_BE
+    if not changed.any():
+        return list(paths)
+    widths = np.where(changed, spacings, before) + overlap_mm
+    touched = np.add.reduceat(changed, begins[:-1]) > 0
+    out = []
+    for k, path in enumerate(paths):
+        if not touched[k]:
+            out.append(path)
+            continue
+        a, b = begins[k], begins[k + 1]
+        out.append(_with_widths(path, pieces[a:b, 4].astype(np.int64) - starts[k], widths[a:b], range_mm, step_mm))
+    return out
+
+
+def _with_widths(
+    path: Path, of_piece: NDArray[np.int64], widths: Floats, range_mm: tuple[float, float], step_mm: float
+) -> Path:
+    """The path cut where its width changes: `widths` of equal parts of its pieces, `of_piece` theirs."""
+    base = path.width_mm[of_piece]
+    steps = np.clip(np.round(base + step_mm * np.round((widths - base) / step_mm), 4), *range_mm)
+    parts = np.bincount(of_piece, minlength=len(path.width_mm))
+    nth = np.arange(len(of_piece)) - np.repeat(np.cumsum(parts) - parts, parts)
+    t = (nth / parts[of_piece])[:, None]
+    points = path.points_mm[of_piece] * (1 - t) + path.points_mm[of_piece + 1] * t
+    keep = np.ones(len(of_piece), np.bool_)
+    keep[1:] = (nth[1:] == 0) | (steps[1:] != steps[:-1])
+    return Path(np.vstack([points[keep], path.points_mm[-1:]]), steps[keep], path.kind)
