@@ -88,6 +88,11 @@ class Beads:
     overlap: float
 
     @property
+    def range(self) -> tuple[float, float]:
+        """The narrowest and the widest."""
+        return self.narrowest, self.widest
+
+    @property
     def one(self) -> float:
         """Thinner places get one bead."""
         return min(2 * self.narrowest, self.widest)
@@ -312,8 +317,8 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
         chosen &= thickness >= LEAST_GAP * beads.narrowest
     if chosen.any():
         line = rows[chosen], columns[chosen], middle[chosen]
-        blocked = unpack(thick, width) | (half < NO_LEVEL / 2)
-        chains = bead_lines(*line, np.where(blocked, 0, remaining), pixel_mm, beads.narrowest, dots=feature)
+        blocked = unpack(thick | inside, width)
+        chains = bead_lines(*line, np.where(blocked, 0, remaining), pixel_mm, beads.range, dots=feature)
     points[:, 2] *= 2
     found = [
         np.concatenate([points[a:b], points[a : a + 1]])
@@ -342,7 +347,9 @@ def _single_knots(
     arms = np.zeros(half.shape, np.bool_)
     arms[rows[single], columns[single]] = True
     reach = beads.one / 2 / pixel_mm + 1.5
-    knots &= flood(dilate(pack(arms), width, (reach, reach)), knots)
+    lines = pack(arms)
+    lines &= ~smaller_than(lines, beads.usual / pixel_mm)
+    knots &= flood(dilate(lines, width, (reach, reach)), knots)
     half[pixels_of(knots)] = NO_LEVEL
     inside &= ~knots
     near = unpack(dilate(knots, width, (reach, reach)), width)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.fdm.chains import trace_lines
+from layerfix.fdm.chains import along_ridge, spot_px, trace_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 
 TANGENT_PX = 6  # pixels of a chain that tell its direction at an end
 LEAST_RADIUS_MM = 0.04  # of the way round a dot
+ENDS_SLOPE = 0.6  # pixels: a ridge that falls faster is the round end of a place, where it falls by one a pixel
+LEAST_STROKE, LONGEST_STROKE_MM = 0.4, 2.0  # of the place's thickness; what is shorter is a dot
+FULL = 0.9  # of the widest bead, at which short strokes are laid at most
+STUB_PX = 5  # pixels
+LARGEST_SPOT = 1.5  # widest beads from its middle: what is larger is a place in something else
 SMOOTH_PX = 5  # pixels over which place and width are averaged along a chain
 
 
@@ -27,7 +32,7 @@ def bead_lines(
     middle: Field,
     remaining: Field,
     pixel_mm: float,
-    narrowest_mm: float,
+    range_mm: tuple[float, float],
     *,
     dots: bool,
 ) -> list[Floats]:
@@ -35,45 +40,75 @@ def bead_lines(
 
     middle        (n, 3) mm: thickness there, and where the middle of the place lies beside the pixel
     remaining     (H, W) mm to the edge
-    narrowest_mm  the least spacing of a bead
+    range_mm      the least and the largest spacing of a bead
     dots          whether a line shorter than it is wide is laid, too
     """
     if not len(rows):
         return []
     points, starts = trace_lines(np.zeros(remaining.shape, np.uint8), rows, columns)
-    chains, open_ends = _joined([points[a:b] for a, b in pairwise(starts)])
+    narrowest_mm, widest_mm = range_mm
+    chains, open_ends = _joined(_without_stubs([points[a:b] for a, b in pairwise(starts)]))
     known = dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), middle.tolist(), strict=True))
     beads: list[Floats] = []
-    for chain, ends in zip(chains, open_ends, strict=True):
+    spots: list[tuple[Floats, float]] = []
+    for k, (chain, ends) in enumerate(zip(chains, open_ends, strict=True)):
         facts = np.array([known[int(x), int(y)] for x, y in chain])
-        spacing, chain = facts[:, 0], chain + facts[:, 1:] / pixel_mm
-        extent_px = np.ptp(chain, axis=0).max() if _ring(chain) else len(chain)
-        if (all(ends) or _ring(chain)) and extent_px * pixel_mm < max(spacing.max(), narrowest_mm) / 2:
+        spacing, line = facts[:, 0], chain + facts[:, 1:] / pixel_mm
+        extent_px = np.ptp(line, axis=0).max() if _ring(chain) else len(chain)
+        if extent_px * pixel_mm < max(spacing.max(), narrowest_mm) / 2 and (all(ends) or _alone(k, chains)):
             if dots or spacing.max() >= 1.25 * narrowest_mm:
-                beads.append(_dot(chain.mean(axis=0), float(spacing.max()), narrowest_mm, pixel_mm))
+                spots.append((line.mean(axis=0), float(spacing.max())))
             continue
-        line = np.column_stack([_smoothed(chain[:, 0]), _smoothed(chain[:, 1]), _smoothed(spacing)])
-        for end in (0, 1):
-            line = line[::-1]
-            if ends[1 - end]:
-                line = _carried_on(line, remaining, pixel_mm)
+        line = np.column_stack([_smoothed(line[:, 0]), _smoothed(line[:, 1]), _smoothed(spacing)])
+        if not _ring(chain):
+            for end in (0, 1):
+                line = line[::-1]
+                if ends[end]:
+                    line = _carried_on(line, remaining, pixel_mm)
         if len(line) > 1 and np.ptp(line[:, :2], axis=0).max() > 0:
             beads.append(line)
-    return beads
+    return beads + _spots(spots, remaining, pixel_mm, range_mm)
+
+
+def _alone(k: int, chains: list[Floats]) -> bool:
+    """Whether no other chain ends near the ends of chain k."""
+    tips = chains[k][[0, -1]]
+    return not any((np.abs(c[[0, -1], None] - tips).max(axis=2) <= 2).any() for c in chains[:k] + chains[k + 1 :])
+
+
+def _spots(
+    spots: list[tuple[Floats, float]], remaining: Field, pixel_mm: float, range_mm: tuple[float, float]
+) -> list[Floats]:
+    """A stroke or a dot each for places whose skeleton is hardly more than a pixel: (its x, y in px, thickness)."""
+    narrowest_mm, widest_mm = range_mm
+    lines = []
+    for middle, thickness in spots:
+        x, y = np.rint(middle).astype(np.int64).tolist()
+        area_mm2 = spot_px(remaining, x, y, round(LARGEST_SPOT * widest_mm / pixel_mm)) * pixel_mm**2
+        stroke = _stroke(middle, remaining, pixel_mm)
+        if _length(stroke) * pixel_mm > LEAST_STROKE * max(thickness, narrowest_mm):
+            lines.append(_filling(stroke, area_mm2, widest_mm, pixel_mm))
+        else:
+            lines.append(_dot(middle, max(math.pi / 4 * thickness**2, area_mm2), narrowest_mm, pixel_mm))
+    return lines
 
 
 def _ring(chain: Floats) -> bool:
     return len(chain) > 2 and bool((chain[0] == chain[-1]).all())
 
 
-def _dot(middle: Floats, thickness_mm: float, narrowest_mm: float, pixel_mm: float) -> Floats:
+def _dot(middle: Floats, area_mm2: float, narrowest_mm: float, pixel_mm: float) -> Floats:
     """The narrowest bead round the middle of a dot, as long as gives its area: a stroke would stick out."""
-    radius_px = max(thickness_mm**2 / (8 * narrowest_mm), LEAST_RADIUS_MM) / pixel_mm
+    radius_px = max(area_mm2 / (2 * math.pi * narrowest_mm), LEAST_RADIUS_MM) / pixel_mm
     angle = np.linspace(0, 2 * np.pi, 9)
     x, y = middle[0] + radius_px * np.cos(angle), middle[1] + radius_px * np.sin(angle)
     loop = np.column_stack([x, y, np.full(len(angle), narrowest_mm)])
     loop[-1] = loop[0]
     return loop
+
+
+def _length(line: Floats) -> float:
+    return float(np.hypot(*np.diff(line[:, :2], axis=0).T).sum())
 
 
 def _smoothed(values: Floats) -> Floats:
@@ -89,23 +124,56 @@ def _smoothed(values: Floats) -> Floats:
 
 
 def _carried_on(line: Floats, remaining: Field, pixel_mm: float) -> Floats:
-    """The line with its last point moved on, straight, as far as its bead stays inside."""
+    """The line carried on along the ridge as far as the place is as wide: lines of a skeleton end before it does."""
     back = line[max(len(line) - 1 - TANGENT_PX, 0)]
-    along = line[-1, :2] - back[:2]
-    length = math.hypot(*along)
-    if length == 0:
-        return line
     x, y, spacing = line[-1]
-    step, far = along / length / 2, 0
-    height, width = remaining.shape
-    while far < 4 * spacing / pixel_mm:
-        i, j = round(x + (far + 1) * step[0]), round(y + (far + 1) * step[1])
-        if not (0 <= i < width and 0 <= j < height) or remaining[j, i] < spacing / 2 - 0.75 * pixel_mm:
-            break
-        far += 1
-    if not far:
+    if (line[-1, :2] == back[:2]).all():
         return line
-    return np.vstack([line, [x + far * step[0], y + far * step[1], spacing]])
+    angle = math.atan2(y - back[1], x - back[0])
+    more = along_ridge(remaining, x, y, angle, ENDS_SLOPE * pixel_mm, round(4 * spacing / pixel_mm))[1:]
+    return np.vstack([line, np.column_stack([more[:, :2], np.clip(2 * more[:, 2], 0.5 * spacing, 1.5 * spacing)])])
+
+
+def _stroke(middle: Floats, remaining: Field, pixel_mm: float) -> Floats:
+    """The longest way along the ridge both ways from a point, (n, 3): a place whose skeleton is a dot may be long."""
+    x, y = middle
+    longest = round(LONGEST_STROKE_MM / pixel_mm)
+    best = np.empty((0, 3))
+    for turn in range(8):
+        angle = turn * math.pi / 8
+        ways = [along_ridge(remaining, x, y, a, ENDS_SLOPE * pixel_mm, longest) for a in (angle + math.pi, angle)]
+        line = np.vstack([ways[0][:0:-1], ways[1]])
+        if np.hypot(*(line[-1] - line[0])[:2]) > np.hypot(*(best[-1] - best[0])[:2]) if len(best) else True:
+            best = line
+    return np.column_stack([best[:, :2], 2 * best[:, 2]])
+
+
+def _filling(stroke: Floats, area_mm2: float, widest_mm: float, pixel_mm: float) -> Floats:
+    """A short stroke, straight on at both ends until no wider than the nozzle lays it fills its area, or at least what
+    it crosses and half a disc beyond each end."""
+    length = _length(stroke) * pixel_mm
+    crossed = float(stroke[:, 2].mean()) * length + math.pi / 8 * float((stroke[[0, -1], 2] ** 2).sum())
+    area = max(area_mm2, crossed)
+    wanted = max(length, area / (FULL * widest_mm))
+    along = (stroke[-1, :2] - stroke[0, :2]) / math.hypot(*(stroke[-1, :2] - stroke[0, :2]))
+    more = along * (wanted - length) / 2 / pixel_mm
+    points = np.vstack([stroke[0, :2] - more, stroke[:, :2], stroke[-1, :2] + more])
+    return np.column_stack([points, np.full(len(points), area / wanted)])
+
+
+def _without_stubs(chains: list[Floats]) -> list[Floats]:
+    """Chains but for the shortest that hang on another by one end: where they fork off, a line would end."""
+    short = [k for k, chain in enumerate(chains) if 1 < len(chain) <= STUB_PX and not _ring(chain)]
+    if not short:
+        return chains
+    tips = np.array([chain[[0, -1]] for chain in chains])
+    stubs = set()
+    for k in short:
+        near = (np.abs(tips[:, None] - tips[k][None, :, None]).max(axis=3) <= 2).any(axis=2)
+        near[k] = False
+        if near.any(axis=0).sum() == 1 and not stubs.intersection(np.flatnonzero(near.any(axis=1)).tolist()):
+            stubs.add(k)
+    return [chain for k, chain in enumerate(chains) if k not in stubs]
 
 
 def _joined(chains: list[Floats]) -> tuple[list[Floats], list[tuple[bool, bool]]]:
