@@ -45,7 +45,7 @@ from layerfix.fdm.fields import (
 )
 from layerfix.fdm.infill import rectilinear
 from layerfix.fdm.level_sets import level_loops
-from layerfix.fdm.single_beads import bead_lines
+from layerfix.fdm.single_beads import bead_lines, spot_beads
 from layerfix.layers.columns import bounding_box
 from layerfix.layers.components import smaller_than
 from layerfix.layers.flood import flood
@@ -74,6 +74,7 @@ SPOT = 25.0  # thick parts of fewer square spacings than this get no infill
 WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
 WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
+LEFT = 0.9  # of the narrowest spacing: what is open so wide, and not inside, gets a spot of its own
 KNOT = 1.0  # square spacings inside a loop that is no loop where single beads come together
 LEAST_GAP = 0.7  # of the narrowest spacing: what is thinner is left open
 
@@ -199,6 +200,7 @@ def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
     half = np.empty_like(remaining)
     body = np.zeros((remaining.shape[0], remaining.shape[1] // 64), np.uint64)
     laid = np.zeros(remaining.shape, np.uint8)
+    solid = bits_above(remaining, np.float32(0))
     for level in range(sheet.settings.perimeters):
         ring = plan_ring(remaining, half, sheet.beads, sheet.pixel_mm, loops=True, feature=level == 0)
         for line in ring.loops:
@@ -218,7 +220,32 @@ def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
         if not ring.loops:
             break
         take_off(remaining, half, body)
+    open_rows = solid & ~pack(laid.view(np.bool_)) & ~body
+    for line in _what_is_left(open_rows, sheet.beads, remaining.shape[1], sheet.pixel_mm):
+        paths += sheet.path(line, GAP_FILL)
     return paths, body
+
+
+def _what_is_left(open_rows: Rows, beads: Beads, width: int, pixel_mm: float) -> list[Floats]:
+    """A stroke or a dot in each place (packed) that is still open and takes half of the narrowest bead: lobes beyond
+    necks, the middle of stars."""
+    import cv2
+
+    reach = LEFT * beads.narrowest / 2 / pixel_mm
+    places = opened(open_rows, width, (reach, reach))
+    if not places.any():
+        return []
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(unpack(places, width).view(np.uint8), connectivity=8)
+    lines = []
+    for k in range(1, count):
+        x, y, wide, high = (int(v) for v in boxes[k, :4])
+        part = np.pad(labels[y : y + high, x : x + wide] == k, 2).astype(np.uint8)
+        depth = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * np.float32(pixel_mm)
+        row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+        spot = np.array([column, row], np.float64), 2 * float(depth[row, column])
+        for line in spot_beads([spot], np.asarray(depth, np.float32), pixel_mm, beads.range):
+            lines.append(line + np.array([x - 2, y - 2, 0]))
+    return lines
 
 
 def _infill(

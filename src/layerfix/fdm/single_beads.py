@@ -20,6 +20,7 @@ TANGENT_PX = 6  # pixels of a chain that tell its direction at an end
 LEAST_RADIUS_MM = 0.04  # of the way round a dot
 ENDS_SLOPE = 0.6  # pixels: a ridge that falls faster is the round end of a place, where it falls by one a pixel
 LEAST_STROKE, LONGEST_STROKE_MM = 0.4, 2.0  # of the place's thickness; what is shorter is a dot
+THIN = 0.6  # of the narrowest bead
 FULL = 0.9  # of the widest bead, at which short strokes are laid at most
 STUB_PX = 5  # pixels
 LARGEST_SPOT = 1.5  # widest beads from its middle: what is larger is a place in something else
@@ -54,7 +55,7 @@ def bead_lines(
     for k, (chain, ends) in enumerate(zip(chains, open_ends, strict=True)):
         facts = np.array([known[int(x), int(y)] for x, y in chain])
         spacing, line = facts[:, 0], chain + facts[:, 1:] / pixel_mm
-        extent_px = np.ptp(line, axis=0).max() if _ring(chain) else len(chain)
+        extent_px = np.ptp(line, axis=0).max()
         if extent_px * pixel_mm < max(spacing.max(), narrowest_mm) / 2 and (all(ends) or _alone(k, chains)):
             if dots or spacing.max() >= 1.25 * narrowest_mm:
                 spots.append((line.mean(axis=0), float(spacing.max())))
@@ -65,9 +66,19 @@ def bead_lines(
                 line = line[::-1]
                 if ends[end]:
                     line = _carried_on(line, remaining, pixel_mm)
-        if len(line) > 1 and np.ptp(line[:, :2], axis=0).max() > 0:
+        if len(line) > 1 and np.ptp(line[:, :2], axis=0).max() > 0 and not _neck(line, remaining, pixel_mm, range_mm[0]):
             beads.append(line)
-    return beads + _spots(spots, remaining, pixel_mm, range_mm)
+    return beads + spot_beads(spots, remaining, pixel_mm, range_mm)
+
+
+def _neck(line: Floats, remaining: Field, pixel_mm: float, narrowest_mm: float) -> bool:
+    """Whether a line is shorter and much thinner than a bead, between places that are thicker and get their own."""
+    if _length(line) * pixel_mm > narrowest_mm or line[:, 2].max() > THIN * narrowest_mm:
+        return False
+    reach = round(narrowest_mm / pixel_mm)
+    x, y = np.rint(line[:, :2].mean(axis=0)).astype(np.int64)
+    around = remaining[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
+    return bool(2 * around.max() > narrowest_mm)
 
 
 def _alone(k: int, chains: list[Floats]) -> bool:
@@ -76,7 +87,7 @@ def _alone(k: int, chains: list[Floats]) -> bool:
     return not any((np.abs(c[[0, -1], None] - tips).max(axis=2) <= 2).any() for c in chains[:k] + chains[k + 1 :])
 
 
-def _spots(
+def spot_beads(
     spots: list[tuple[Floats, float]], remaining: Field, pixel_mm: float, range_mm: tuple[float, float]
 ) -> list[Floats]:
     """A stroke or a dot each for places whose skeleton is hardly more than a pixel: (its x, y in px, thickness)."""
