@@ -142,28 +142,30 @@ def balanced(
     changed = np.abs(spacings / before - 1) > LET_BE
     if not changed.any():
         return list(paths)
-    widths = np.where(changed, spacings, before) + overlap_mm
+    part_of = pieces[:, 4].astype(np.int64)
+    usual = points[part_of, 2]
+    steps = usual + step_mm * np.round((np.where(changed, spacings, before) + overlap_mm - usual) / step_mm)
+    steps = np.where(changed, np.clip(np.round(steps, 4), *range_mm), usual)
+    new_points, new_steps, bounds = _cut(points, part_of, steps, begins)
     touched = np.add.reduceat(changed, begins[:-1]) > 0
-    out = []
-    for k, path in enumerate(paths):
-        if not touched[k]:
-            out.append(path)
-            continue
-        a, b = begins[k], begins[k + 1]
-        out.append(_with_widths(path, pieces[a:b, 4].astype(np.int64) - starts[k], widths[a:b], range_mm, step_mm))
+    out = list(paths)
+    for k in np.flatnonzero(touched).tolist():
+        a, b = bounds[k], bounds[k + 1]
+        ends = np.vstack([new_points[a:b], paths[k].points_mm[-1:]])
+        out[k] = Path(ends, new_steps[a:b], paths[k].kind)
     return out
 
 
-def _with_widths(
-    path: Path, of_piece: NDArray[np.int64], widths: Floats, range_mm: tuple[float, float], step_mm: float
-) -> Path:
-    """The path cut where its width changes: `widths` of equal parts of its pieces, `of_piece` theirs."""
-    base = path.width_mm[of_piece]
-    steps = np.clip(np.round(base + step_mm * np.round((widths - base) / step_mm), 4), *range_mm)
-    parts = np.bincount(of_piece, minlength=len(path.width_mm))
-    nth = np.arange(len(of_piece)) - np.repeat(np.cumsum(parts) - parts, parts)
-    t = (nth / parts[of_piece])[:, None]
-    points = path.points_mm[of_piece] * (1 - t) + path.points_mm[of_piece + 1] * t
-    keep = np.ones(len(of_piece), np.bool_)
-    keep[1:] = (nth[1:] == 0) | (steps[1:] != steps[:-1])
-    return Path(np.vstack([points[keep], path.points_mm[-1:]]), steps[keep], path.kind)
+def _cut(
+    points: Floats, part_of: NDArray[np.int64], widths: Floats, begins: NDArray[np.int64]
+) -> tuple[Floats, Floats, list[int]]:
+    """Polylines (n, 3) cut where the widths of equal parts of their pieces change: (where each part that is kept
+    begins, its width, the polylines' bounds in them). `part_of` is the piece of each part."""
+    parts = np.bincount(part_of, minlength=len(points))
+    nth = np.arange(len(part_of)) - (np.cumsum(parts) - parts)[part_of]
+    t = (nth / parts[part_of])[:, None]
+    keep = nth == 0
+    keep[1:] |= widths[1:] != widths[:-1]
+    starts = points[part_of, :2] * (1 - t) + points[part_of + 1, :2] * t
+    counts = np.concatenate([[0], np.cumsum(keep)])
+    return starts[keep], widths[keep], counts[begins].tolist()

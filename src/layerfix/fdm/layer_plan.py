@@ -28,6 +28,7 @@ from layerfix.fdm.balance import CELL_MM, Room, balanced
 from layerfix.fdm.beads import EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
 from layerfix.fdm.chains import needed_points
 from layerfix.fdm.covering import lay, lay_the_rest
+from layerfix.fdm.distance import edge_distance, share_of_cells
 from layerfix.fdm.fields import (
     NO_LEVEL,
     bits_above,
@@ -41,13 +42,12 @@ from layerfix.fdm.fields import (
     paint_ends,
     pixels_of,
     take_off,
-    to_edge_mm,
 )
 from layerfix.fdm.infill import rectilinear
 from layerfix.fdm.level_sets import level_loops
 from layerfix.fdm.single_beads import bead_lines, spot_beads
 from layerfix.layers.columns import bounding_box
-from layerfix.layers.components import smaller_than
+from layerfix.layers.components import components_at, smaller_than
 from layerfix.layers.flood import flood
 from layerfix.layers.morphology import dilate, opened
 from layerfix.layers.skeleton import thinned_rows
@@ -74,6 +74,7 @@ SPOT = 25.0  # thick parts of fewer square spacings than this get no infill
 WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
 WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
+DEPTH = 3  # spacings: how much deeper than the perimeters the distance to the edge is asked for
 LEFT = 0.9  # of the narrowest spacing: what is open so wide, and not inside, gets a spot of its own
 KNOT = 1.0  # square spacings inside a loop that is no loop where single beads come together
 LEAST_GAP = 0.7  # of the narrowest spacing: what is thinner is left open
@@ -155,8 +156,6 @@ def plan_layer(
     index: int,
 ) -> list[Path]:
     """The paths of a layer, in no order; `below` and `above` are its nearest neighbours (`each_with_neighbours`)."""
-    import cv2
-
     box = bounding_box(layer.rows)
     if not box[1]:
         return []
@@ -164,34 +163,21 @@ def plan_layer(
     low, high = settings.range_mm
     beads = Beads(width_mm - extra, low - extra, high - extra, extra)
     sheet = _Sheet(box, beads, settings, pixel_mm, origin_mm, width_mm)
-    image = unpack(bordered(layer.rows, box), 64 * (box[3] - box[2] + 2)).view(np.uint8)
-    remaining: Field = np.asarray(cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
-    to_edge_mm(remaining, np.float32(pixel_mm), np.float32(extra / 2))
+    solid = bordered(layer.rows, box)
+    reach_px = math.ceil((settings.perimeters + DEPTH) * beads.usual / pixel_mm)
+    remaining: Field = edge_distance(solid, np.float32(reach_px), np.float32(pixel_mm), np.float32(extra / 2))
     paths, body = _rings(sheet, remaining)
     sparse = np.zeros_like(body)
     if body.any():
         open_parts = _open_parts(below, layer, above, settings, beads.usual / pixel_mm)
         infill, sparse = _infill(sheet, remaining, body, open_parts, index)
         paths += infill
-    solid = [path for path in paths if path.kind != SPARSE]
-    room = _room(sheet, image, sparse)
-    solid = balanced(solid, room, overlap_mm=extra, range_mm=settings.range_mm, step_mm=WIDTH_STEP_MM)
-    return solid + [path for path in paths if path.kind == SPARSE]
-
-
-def _room(sheet: _Sheet, image: NDArray[np.uint8], sparse: Rows) -> Room:
-    """What is to be filled: the layer's image but for the pixels of `sparse` (packed), in cells of some pixels."""
-    import cv2
-
-    if sparse.any():
-        image = image & ~unpack(sparse, image.shape[1]).view(np.uint8)
-    size = max(round(CELL_MM / sheet.pixel_mm), 1)
-    high, wide = (-(-n // size) for n in image.shape)
-    whole = np.zeros((high * size, wide * size), np.float32)
-    whole[: image.shape[0], : image.shape[1]] = image
-    share = np.asarray(cv2.resize(whole, (wide, high), interpolation=cv2.INTER_AREA), np.float32)
-    corner = (sheet.corner_px - 0.5) * np.array([sheet.pixel_mm, -sheet.pixel_mm]) + np.array(sheet.origin_mm)
-    return Room(share, corner, size * sheet.pixel_mm)
+    size = max(round(CELL_MM / pixel_mm), 1)
+    corner_mm = (sheet.corner_px - 0.5) * np.array([pixel_mm, -pixel_mm]) + np.array(origin_mm)
+    room = Room(share_of_cells(solid & ~sparse, size), corner_mm, size * pixel_mm)
+    full = [path for path in paths if path.kind != SPARSE]
+    full = balanced(full, room, overlap_mm=extra, range_mm=settings.range_mm, step_mm=WIDTH_STEP_MM)
+    return full + [path for path in paths if path.kind == SPARSE]
 
 
 def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
@@ -235,11 +221,14 @@ def _what_is_left(open_rows: Rows, beads: Beads, width: int, pixel_mm: float) ->
     places = opened(open_rows, width, (reach, reach))
     if not places.any():
         return []
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(unpack(places, width).view(np.uint8), connectivity=8)
+    rows, columns = pixels_of(places)
+    component, _ = components_at(places, columns, rows)
     lines = []
-    for k in range(1, count):
-        x, y, wide, high = (int(v) for v in boxes[k, :4])
-        part = np.pad(labels[y : y + high, x : x + wide] == k, 2).astype(np.uint8)
+    for number in np.unique(component).tolist():
+        ys, xs = rows[component == number], columns[component == number]
+        x, y = int(xs.min()), int(ys.min())
+        part = np.zeros((int(ys.max()) - y + 5, int(xs.max()) - x + 5), np.uint8)
+        part[ys - y + 2, xs - x + 2] = 1
         depth = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * np.float32(pixel_mm)
         row, column = np.unravel_index(int(depth.argmax()), depth.shape)
         spot = np.array([column, row], np.float64), 2 * float(depth[row, column])
