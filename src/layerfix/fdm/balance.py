@@ -31,6 +31,7 @@ BLUR_MM = 0.22
 PIECE_MM = 0.2  # at most; each is laid at its middle
 ROUNDS = 4
 WANTED = 0.98  # of the area times the height: round sides leave a little open
+WIDER = 0.35  # at most: what is missing at the end of a line must not make a bulb of it
 LET_BE = 0.06  # what is off by less keeps its width: wide and narrow by turns is no better, and makes long files
 MOST = np.float32(3)  # by which anything is multiplied: what no bead comes near does not blow up those beside it
 NUMBERS = types.Array(types.float64, 1, "C")
@@ -74,9 +75,9 @@ def shortage(laid, wanted):  # type: ignore[no-untyped-def]
                 laid[j, i] = wanted[j, i] / max(laid[j, i], wanted[j, i] / MOST)
 
 
-@njit(types.void(FIELD, POINTS, NUMBERS, types.float64, types.float64), cache=True, nogil=True)
-def multiply(factor, points, spacings, low, high):  # type: ignore[no-untyped-def]
-    """spacings *= factor at points (n, 2), x, y in cells, kept within low … high."""
+@njit(types.void(FIELD, POINTS, NUMBERS, NUMBERS, NUMBERS), cache=True, nogil=True)
+def multiply(factor, points, spacings, lows, highs):  # type: ignore[no-untyped-def]
+    """spacings *= factor at points (n, 2), x, y in cells, kept within lows … highs."""
     height, width = factor.shape
     for k in range(points.shape[0]):
         x, y = points[k, 0] - 0.5, points[k, 1] - 0.5
@@ -85,7 +86,7 @@ def multiply(factor, points, spacings, low, high):  # type: ignore[no-untyped-de
             u, v = x - i, y - j
             a = (1 - v) * ((1 - u) * factor[j, i] + u * factor[j, i + 1])
             a += v * ((1 - u) * factor[j + 1, i] + u * factor[j + 1, i + 1])
-            spacings[k] = min(max(spacings[k] * a, low), high)
+            spacings[k] = min(max(spacings[k] * a, lows[k]), highs[k])
 
 
 @njit(types.Tuple((POINTS, STARTS))(POINTS, STARTS, types.float64), cache=True, nogil=True)
@@ -130,7 +131,8 @@ def balanced(
     cells = np.ascontiguousarray((pieces[:, :2] - room.corner_mm) * np.array([1, -1]) / room.cell_mm)
     before = pieces[:, 2] - overlap_mm
     spacings, areas = before.copy(), pieces[:, 3] / room.cell_mm**2
-    low, high = range_mm[0] - overlap_mm, range_mm[1] - overlap_mm
+    lows = np.maximum(range_mm[0] - overlap_mm, before / (1 + WIDER))
+    highs = np.minimum(range_mm[1] - overlap_mm, before * (1 + WIDER))
     blur = {"ksize": (0, 0), "sigmaX": BLUR_MM / room.cell_mm, "borderType": cv2.BORDER_CONSTANT}
     wanted = room.share * np.float32(WANTED)
     for _ in range(ROUNDS):
@@ -138,10 +140,12 @@ def balanced(
         splat(laid, cells, spacings * areas)
         laid = np.asarray(cv2.GaussianBlur(laid, **blur), np.float32)
         shortage(laid, wanted)
-        multiply(np.asarray(cv2.GaussianBlur(laid, **blur), np.float32), cells, spacings, low, high)
-    changed = np.abs(spacings / before - 1) > LET_BE
+        multiply(np.asarray(cv2.GaussianBlur(laid, **blur), np.float32), cells, spacings, lows, highs)
+    factors = spacings / before
+    changed = np.abs(factors - 1) > LET_BE
     if not changed.any():
         return list(paths)
+    spacings = before * np.where(changed, factors - LET_BE * np.sign(factors - 1), 1.0)
     part_of = pieces[:, 4].astype(np.int64)
     usual = points[part_of, 2]
     steps = usual + step_mm * np.round((np.where(changed, spacings, before) + overlap_mm - usual) / step_mm)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 TANGENT_PX = 6  # pixels of a chain that tell its direction at an end
 LEAST_RADIUS_MM = 0.04  # of the way round a dot
 ENDS_SLOPE = 0.6  # pixels: a ridge that falls faster is the round end of a place, where it falls by one a pixel
+# Half a disc lies beyond the end of a ridge, π / 8 of a thickness long at its width; half of that is laid.
+PAST_END = 0.2
 LEAST_STROKE, LONGEST_STROKE_MM = 0.4, 2.0  # of the place's thickness; what is shorter is a dot
 THIN = 0.6  # of the narrowest bead
 FULL = 0.9  # of the widest bead, at which short strokes are laid at most
@@ -141,8 +143,14 @@ def _carried_on(line: Floats, remaining: Field, pixel_mm: float) -> Floats:
     if (line[-1, :2] == back[:2]).all():
         return line
     angle = math.atan2(y - back[1], x - back[0])
-    more = along_ridge(remaining, x, y, angle, ENDS_SLOPE * pixel_mm, round(4 * spacing / pixel_mm))[1:]
-    return np.vstack([line, np.column_stack([more[:, :2], np.clip(2 * more[:, 2], 0.5 * spacing, 1.5 * spacing)])])
+    ridge = along_ridge(remaining, x, y, angle, ENDS_SLOPE * pixel_mm, round(4 * spacing / pixel_mm))
+    more = np.column_stack([ridge[:, :2], np.clip(2 * ridge[:, 2], 0.5 * spacing, 1.5 * spacing)])[1:]
+    x, y, spacing = more[-1] if len(more) else line[-1]
+    if len(more):
+        back = ridge[max(len(ridge) - 1 - TANGENT_PX, 0)]
+        angle = math.atan2(y - back[1], x - back[0])
+    tip = PAST_END * spacing / pixel_mm
+    return np.vstack([line, more, [[x + tip * math.cos(angle), y + tip * math.sin(angle), spacing]]])
 
 
 def _stroke(middle: Floats, remaining: Field, pixel_mm: float) -> Floats:
