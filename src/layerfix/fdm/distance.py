@@ -36,7 +36,10 @@ def _down_columns(rows, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    MUTABLE_FIELD(ROWS, types.float32, types.float32, types.float32), cache=True, nogil=True, fastmath={"nnan", "ninf"}
+    MUTABLE_FIELD(ROWS, types.float32, types.float32, types.float32),
+    cache=True,
+    nogil=True,
+    fastmath={"nnan", "ninf"},
 )
 def edge_distance(rows, reach_px, pixel_mm, inset_mm):  # type: ignore[no-untyped-def]
     """(H, W) float32 mm from the edge of a packed layer, less `inset_mm`: negative outside, and right up to

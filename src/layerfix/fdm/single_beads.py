@@ -22,6 +22,7 @@ ENDS_SLOPE = 0.6  # pixels: a ridge that falls faster is the round end of a plac
 # Half a disc lies beyond the end of a ridge, π / 8 of a thickness long at its width; half of that is laid.
 PAST_END = 0.2
 LEAST_STROKE, LONGEST_STROKE_MM = 0.4, 2.0  # of the place's thickness; what is shorter is a dot
+ROUND = 1.5  # discs: a dot fills no more, or it is one of several lobes
 THIN = 0.6  # of the narrowest bead
 FULL = 0.9  # of the widest bead, at which short strokes are laid at most
 STUB_PX = 5  # pixels
@@ -68,7 +69,11 @@ def bead_lines(
                 line = line[::-1]
                 if ends[end]:
                     line = _carried_on(line, remaining, pixel_mm)
-        if len(line) > 1 and np.ptp(line[:, :2], axis=0).max() > 0 and not _neck(line, remaining, pixel_mm, range_mm[0]):
+        if (
+            len(line) > 1
+            and np.ptp(line[:, :2], axis=0).max() > 0
+            and not _neck(line, remaining, pixel_mm, range_mm[0])
+        ):
             beads.append(line)
     return beads + spot_beads(spots, remaining, pixel_mm, range_mm)
 
@@ -102,7 +107,8 @@ def spot_beads(
         if _length(stroke) * pixel_mm > LEAST_STROKE * max(thickness, narrowest_mm):
             lines.append(_filling(stroke, area_mm2, widest_mm, pixel_mm))
         else:
-            lines.append(_dot(middle, max(math.pi / 4 * thickness**2, area_mm2), narrowest_mm, pixel_mm))
+            disc = math.pi / 4 * thickness**2
+            lines.append(_dot(middle, min(max(area_mm2, disc), ROUND * disc), narrowest_mm, pixel_mm))
     return lines
 
 
