@@ -1,7 +1,7 @@
 """The law of material: from the volumes alone, at full density, every spot of a layer gets what it is large.
 
 Every connected spot gets 90 to 110 % of its area times the layer's height, 85 to 115 % where it is under two beads
-wide; no square millimetre inside gets under 70 % or over 140 %; at most 1 % of the area gets over 1.2 times the height.
+wide; no square millimetre inside gets under 70 % or over 140 %; at most 1 % of the area gets over 1.2 of the height.
 """
 
 from __future__ import annotations
@@ -209,9 +209,10 @@ def test_what_is_right_is_left_alone():
         shapely.box(*np.meshgrid(np.arange(0, 10, 0.2), 10 - np.arange(0.2, 10.2, 0.2)),
                     *np.meshgrid(np.arange(0.2, 10.2, 0.2), 10 - np.arange(0, 10, 0.2))),
         box(1, 1, 9, 1 + high))) / 0.04  # fmt: skip
-    same = balanced(paths, room_of(image), overlap_mm=OVERLAP_MM, range_mm=(0.34, 0.8), step_mm=0.02)
-    middle = [p for k, p in enumerate(paths) if 2 < k < 17]
-    assert all(any(p is q for q in same) for p in middle)
+    out = balanced(paths, room_of(image), overlap_mm=OVERLAP_MM, range_mm=(0.34, 0.8), step_mm=0.02)
+    for path in out[2:-2]:  # those beside the edge and the ends of the others may change
+        middles = (path.points_mm[1:, 0] + path.points_mm[:-1, 0]) / 2
+        assert path.width_mm[(middles > 2) & (middles < 8)].tolist() == [WIDTH_MM]
 
 
 @pytest.mark.parametrize("share", [0.75, 0.85, 1.15, 1.25])

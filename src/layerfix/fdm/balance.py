@@ -131,16 +131,20 @@ def balanced(
     cells = np.ascontiguousarray((pieces[:, :2] - room.corner_mm) * np.array([1, -1]) / room.cell_mm)
     before = pieces[:, 2] - overlap_mm
     spacings, areas = before.copy(), pieces[:, 3] / room.cell_mm**2
-    lows = np.maximum(range_mm[0] - overlap_mm, before / (1 + WIDER))
+    lows = np.full(len(before), range_mm[0] - overlap_mm)
     highs = np.minimum(range_mm[1] - overlap_mm, before * (1 + WIDER))
-    blur = {"ksize": (0, 0), "sigmaX": BLUR_MM / room.cell_mm, "borderType": cv2.BORDER_CONSTANT}
+
+    def blurred(field: Field) -> Field:
+        sigma = BLUR_MM / room.cell_mm
+        return np.asarray(cv2.GaussianBlur(field, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT), np.float32)
+
     wanted = room.share * np.float32(WANTED)
     for _ in range(ROUNDS):
         laid = np.zeros_like(wanted)
         splat(laid, cells, spacings * areas)
-        laid = np.asarray(cv2.GaussianBlur(laid, **blur), np.float32)
+        laid = blurred(laid)
         shortage(laid, wanted)
-        multiply(np.asarray(cv2.GaussianBlur(laid, **blur), np.float32), cells, spacings, lows, highs)
+        multiply(blurred(laid), cells, spacings, lows, highs)
     factors = spacings / before
     changed = np.abs(factors - 1) > LET_BE
     if not changed.any():

@@ -107,8 +107,8 @@ def _between(field, x, y):  # type: ignore[no-untyped-def]
 def along_ridge(field, x, y, angle, slope, longest):  # type: ignore[no-untyped-def]
     """(n, 3) x, y and the field's value on the way along its ridge from (x, y), at most `longest` steps of a pixel.
 
-    Each step turns by at most 36 degrees to where the field is highest, all together by MOST_TURN. The way ends where the field falls by more
-    than `slope` a step over FALL steps, and those do not count.
+    Each step turns by at most 36 degrees to where the field is highest, all together by MOST_TURN. The way ends
+    where the field falls by more than `slope` a step over FALL steps, and those do not count.
     """
     points = np.empty((longest + 1, 3))
     points[0] = x, y, _between(field, x, y)
@@ -135,8 +135,10 @@ def along_ridge(field, x, y, angle, slope, longest):  # type: ignore[no-untyped-
 
 @njit(types.int64(FIELD, types.int64, types.int64, types.int64), cache=True, nogil=True)
 def spot_px(field, x, y, reach):  # type: ignore[no-untyped-def]
-    """How many pixels above 0 hang together (8-connected) with pixel (x, y); 0 if any of them, or the pixel, is farther
-    than `reach` away or not above 0."""
+    """How many pixels above 0 hang together (8-connected) with pixel (x, y).
+
+    It is 0 if that is not above 0, or if one of them is farther than `reach` away.
+    """
     side = 2 * reach + 1
     seen = np.zeros((side, side), np.bool_)
     todo = np.empty((side * side, 2), np.int64)

@@ -25,9 +25,9 @@ def lay_discs(laid, points):  # type: ignore[no-untyped-def]
     height, width = laid.shape
     for k in range(points.shape[0]):
         x, y, radius = points[k]
-        for j in range(max(int(np.ceil(y - radius)), 0), min(int(y + radius) + 1, height)):
+        for j in range(max(int(np.ceil(y - radius)), 0), min(int(np.floor(y + radius)) + 1, height)):
             half = np.sqrt(max(radius * radius - (j - y) ** 2, 0.0))
-            for i in range(max(int(np.ceil(x - half)), 0), min(int(x + half) + 1, width)):
+            for i in range(max(int(np.ceil(x - half)), 0), min(int(np.floor(x + half)) + 1, width)):
                 laid[j, i] = 1
 
 
@@ -39,9 +39,9 @@ def share_laid(laid, points):  # type: ignore[no-untyped-def]
     for k in range(points.shape[0]):
         x, y, radius = points[k]
         found, all_px = 0, 0
-        for j in range(max(int(np.ceil(y - radius)), 0), min(int(y + radius) + 1, height)):
+        for j in range(max(int(np.ceil(y - radius)), 0), min(int(np.floor(y + radius)) + 1, height)):
             half = np.sqrt(max(radius * radius - (j - y) ** 2, 0.0))
-            for i in range(max(int(np.ceil(x - half)), 0), min(int(x + half) + 1, width)):
+            for i in range(max(int(np.ceil(x - half)), 0), min(int(np.floor(x + half)) + 1, width)):
                 found += laid[j, i]
                 all_px += 1
         if all_px:

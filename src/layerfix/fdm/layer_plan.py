@@ -76,7 +76,8 @@ WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
 DEPTH = 3  # spacings: how much deeper than the perimeters the distance to the edge is asked for
 LEFT = 0.9  # of the narrowest spacing: what is open so wide, and not inside, gets a spot of its own
-KNOT = 1.0  # square spacings inside a loop that is no loop where single beads come together
+# Square spacings inside a loop that is no loop where single beads come together: in walls, and in what they leave.
+KNOT, SMALL_KNOT = 2.0, 1.0
 LEAST_GAP = 0.7  # of the narrowest spacing: what is thinner is left open
 
 
@@ -232,8 +233,8 @@ def _what_is_left(open_rows: Rows, beads: Beads, width: int, pixel_mm: float) ->
         depth = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * np.float32(pixel_mm)
         row, column = np.unravel_index(int(depth.argmax()), depth.shape)
         spot = np.array([column, row], np.float64), 2 * float(depth[row, column])
-        for line in spot_beads([spot], np.asarray(depth, np.float32), pixel_mm, beads.range):
-            lines.append(line + np.array([x - 2, y - 2, 0]))
+        found = spot_beads([spot], np.asarray(depth, np.float32), pixel_mm, beads.range)
+        lines += [line + np.array([x - 2, y - 2, 0]) for line in found]
     return lines
 
 
@@ -327,7 +328,8 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     inside = bits_higher(smooth, half)
     chosen = thickness < beads.one
     if chosen.any():
-        chosen |= _single_knots(inside, half, rows, columns, chosen, beads, pixel_mm)
+        knot_px = (KNOT if feature else SMALL_KNOT) * (beads.usual / pixel_mm) ** 2
+        chosen |= _single_knots(inside, half, rows, columns, chosen, beads, pixel_mm, knot_px)
     points, starts = level_loops(smooth, half, inside)
     if not feature:
         chosen &= thickness >= LEAST_GAP * beads.narrowest
@@ -352,12 +354,13 @@ def _single_knots(
     single: NDArray[np.bool_],
     beads: Beads,
     pixel_mm: float,
+    knot_px: float,
 ) -> NDArray[np.bool_]:
     """Which pixels of the skeleton, (n,), lie in knots: places for two beads, but so small that their loop would be a
     dot, where single ones come together. Those go on through them. `inside` and `half` forget their loops.
     """
     width = half.shape[1]
-    knots = smaller_than(inside, KNOT * (beads.usual / pixel_mm) ** 2)
+    knots = smaller_than(inside, knot_px)
     if not knots.any():
         return np.zeros(len(rows), np.bool_)
     arms = np.zeros(half.shape, np.bool_)

@@ -50,7 +50,7 @@ def bead_lines(
     if not len(rows):
         return []
     points, starts = trace_lines(np.zeros(remaining.shape, np.uint8), rows, columns)
-    narrowest_mm, widest_mm = range_mm
+    narrowest_mm = range_mm[0]
     chains, open_ends = _joined(_without_stubs([points[a:b] for a, b in pairwise(starts)]))
     known = dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), middle.tolist(), strict=True))
     beads: list[Floats] = []
@@ -174,8 +174,10 @@ def _stroke(middle: Floats, remaining: Field, pixel_mm: float) -> Floats:
 
 
 def _filling(stroke: Floats, area_mm2: float, widest_mm: float, pixel_mm: float) -> Floats:
-    """A short stroke, straight on at both ends until no wider than the nozzle lays it fills its area, or at least what
-    it crosses and half a disc beyond each end."""
+    """A short stroke, straight on at both ends until no wider than the nozzle lays it fills its area.
+
+    That is at least what it crosses and half a disc beyond each end.
+    """
     length = _length(stroke) * pixel_mm
     crossed = float(stroke[:, 2].mean()) * length + math.pi / 8 * float((stroke[[0, -1], 2] ** 2).sum())
     area = max(area_mm2, crossed)
@@ -192,7 +194,7 @@ def _without_stubs(chains: list[Floats]) -> list[Floats]:
     if not short:
         return chains
     tips = np.array([chain[[0, -1]] for chain in chains])
-    stubs = set()
+    stubs: set[int] = set()
     for k in short:
         near = (np.abs(tips[:, None] - tips[k][None, :, None]).max(axis=3) <= 2).any(axis=2)
         near[k] = False
