@@ -319,7 +319,7 @@ def test_the_rest_ends_at_the_border_of_what_is_laid():
     lay(laid, np.column_stack([np.full(50, 60.0), np.arange(5.0, 55), np.full(50, 0.5)]), 0.05)
     across = np.array([[10.0, 30.0, 0.4], [110.0, 30.0, 0.4]])
     on_top = np.array([[60.0, 10.0, 0.4], [60.0, 50.0, 0.4]])
-    rest = sorted(lay_the_rest(laid, [across, on_top], 0.05), key=lambda line: line[0, 0])
+    rest = sorted(lay_the_rest(laid, [across, on_top], 0.05, 0.3), key=lambda line: line[0, 0])
     assert len(rest) == 2
     assert rest[0][[0, -1], 0] == pytest.approx([10, 55], abs=1.1)
     assert rest[1][[0, -1], 0] == pytest.approx([65, 110], abs=1.1)
@@ -329,8 +329,17 @@ def test_the_rest_ends_at_the_border_of_what_is_laid():
 def test_a_line_that_is_free_is_laid_as_it_is():
     """Not even its points change."""
     line = np.array([[10.0, 30.0, 0.4], [50.0, 30.0, 0.4]])
-    (kept,) = lay_the_rest(np.zeros((60, 64), np.uint8), [line], 0.05)
+    (kept,) = lay_the_rest(np.zeros((60, 64), np.uint8), [line], 0.05, 0.3)
     assert kept is line
+
+
+def test_a_stump_is_left_to_a_spot():
+    """Much shorter than wide it would hold a place and lay nothing; a hair as short is laid."""
+    wide, hair = (np.array([[20.0, 30.0, w], [21.0, 30.0, w]]) for w in (0.6, 0.1))
+    laid = np.zeros((60, 64), np.uint8)
+    assert lay_the_rest(laid, [wide], 0.05, 0.3) == []
+    assert not laid.any()
+    assert len(lay_the_rest(laid, [hair], 0.05, 0.3)) == 1
 
 
 # Ridges, spots, distances

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 HALF_COVERED = 0.5  # a disc half covered has its middle on the border of what is laid: there beads meet
+STUMP = 0.3  # of its spacing
 LEAST_LENGTH = 0.5  # of its spacing: a shorter rest is no bead, and its neighbours get wider instead
 
 
@@ -54,13 +55,20 @@ def lay(laid: NDArray[np.uint8], line: Floats, pixel_mm: float) -> None:
     lay_discs(laid, line * np.array([1, 1, 0.5 / pixel_mm]))
 
 
-def lay_the_rest(laid: NDArray[np.uint8], lines: list[Floats], pixel_mm: float) -> list[Floats]:
-    """The stretches of the lines, the longest first, that are not covered by what is laid or by each other."""
+def lay_the_rest(laid: NDArray[np.uint8], lines: list[Floats], pixel_mm: float, narrowest_mm: float) -> list[Floats]:
+    """The stretches of the lines, the longest first, that are not covered by what is laid or by each other.
+
+    Left out is what is much shorter than it is wide, and wider than the narrowest bead: it would hold the place of a
+    spot and hardly lay anything.
+    """
     kept: list[Floats] = []
     for line in sorted(lines, key=len, reverse=True):
         fine = finely(line)
         discs = np.column_stack([fine[:, :2], fine[:, 2] / (2 * pixel_mm)])
         free = share_laid(laid, discs) < HALF_COVERED
+        wide = fine[:, 2].mean()
+        if wide > narrowest_mm and np.hypot(*np.diff(fine[:, :2], axis=0).T).sum() * pixel_mm < STUMP * wide:
+            continue
         if free.all():
             kept.append(line)
             lay_discs(laid, discs)

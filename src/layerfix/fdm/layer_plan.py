@@ -193,7 +193,7 @@ def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
         for line in ring.loops:
             paths += sheet.path(line, EXTERNAL if level == 0 else PERIMETER)
             lay(laid, line, sheet.pixel_mm)
-        for line in lay_the_rest(laid, ring.chains, sheet.pixel_mm):
+        for line in lay_the_rest(laid, ring.chains, sheet.pixel_mm, sheet.beads.narrowest):
             paths += sheet.path(line, EXTERNAL if level == 0 else GAP_FILL)
         take_off(remaining, half, body)
     for _ in range(2):  # three beads in a thin place are two rounds
@@ -201,7 +201,7 @@ def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
         for line in ring.loops:
             paths += sheet.path(line, GAP_FILL)
             lay(laid, line, sheet.pixel_mm)
-        for line in lay_the_rest(laid, ring.chains, sheet.pixel_mm):
+        for line in lay_the_rest(laid, ring.chains, sheet.pixel_mm, sheet.beads.narrowest):
             paths += sheet.path(line, GAP_FILL)
         body |= ring.thick
         if not ring.loops:
