@@ -295,7 +295,7 @@ def test_random_corrected_layers(kind):
         beads = plan_toolpaths(stack, NO_SKIRT)[0]
         found = proof(beads.paths, shape_of(stack, stack[0]))
         assert found.least_component > 0.75, seed
-        assert found.outside < 0.12, seed
+        assert found.outside < 0.17, seed  # a short wide stroke in a round spot: its round ends stick out
         assert found.volume_over_shape < 1.4, seed
         assert found.astray_mm < 0.06 * length_mm(beads.paths), seed
 

@@ -22,6 +22,8 @@ ENDS_SLOPE = 0.6  # pixels: a ridge that falls faster is the round end of a plac
 # Half a disc lies beyond the end of a ridge, π / 8 of a thickness long at its width; half of that is laid.
 PAST_END = 0.2
 LEAST_STROKE, LONGEST_STROKE_MM = 0.4, 2.0  # of the place's thickness; what is shorter is a dot
+STRAIGHT = 0.85  # of its length are the ends of a stroke apart, or it follows the flat top of something round
+NEARLY_ROUND = 1.3  # discs: the ridge of so round a spot bends anywhere
 ROUND = 1.5  # discs: a dot fills no more, or it is one of several lobes
 THIN = 0.6  # of the narrowest bead
 FULL = 0.9  # of the widest bead, at which short strokes are laid at most
@@ -103,11 +105,12 @@ def spot_beads(
     for middle, thickness in spots:
         x, y = np.rint(middle).astype(np.int64).tolist()
         area_mm2 = spot_px(remaining, x, y, round(LARGEST_SPOT * widest_mm / pixel_mm)) * pixel_mm**2
+        disc = math.pi / 4 * thickness**2
         stroke = _stroke(middle, remaining, pixel_mm)
-        if _length(stroke) * pixel_mm > LEAST_STROKE * max(thickness, narrowest_mm):
+        long = _length(stroke) * pixel_mm > LEAST_STROKE * max(thickness, narrowest_mm)
+        if long and not 0 < area_mm2 < NEARLY_ROUND * disc:
             lines.append(_filling(stroke, area_mm2, widest_mm, pixel_mm))
         else:
-            disc = math.pi / 4 * thickness**2
             lines.append(_dot(middle, min(max(area_mm2, disc), ROUND * disc), narrowest_mm, pixel_mm))
     return lines
 
@@ -163,13 +166,14 @@ def _stroke(middle: Floats, remaining: Field, pixel_mm: float) -> Floats:
     """The longest way along the ridge both ways from a point, (n, 3): a place whose skeleton is a dot may be long."""
     x, y = middle
     longest = round(LONGEST_STROKE_MM / pixel_mm)
-    best = np.empty((0, 3))
+    best, farthest = np.array([[x, y, 0.0]]), 0.0
     for turn in range(8):
         angle = turn * math.pi / 8
         ways = [along_ridge(remaining, x, y, a, ENDS_SLOPE * pixel_mm, longest) for a in (angle + math.pi, angle)]
         line = np.vstack([ways[0][:0:-1], ways[1]])
-        if np.hypot(*(line[-1] - line[0])[:2]) > np.hypot(*(best[-1] - best[0])[:2]) if len(best) else True:
-            best = line
+        chord = math.hypot(*(line[-1, :2] - line[0, :2]))
+        if chord > max(farthest, STRAIGHT * _length(line)):
+            best, farthest = line, chord
     return np.column_stack([best[:, :2], 2 * best[:, 2]])
 
 
