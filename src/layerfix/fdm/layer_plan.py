@@ -46,6 +46,7 @@ from layerfix.fdm.fields import (
 from layerfix.fdm.infill import rectilinear
 from layerfix.fdm.level_sets import level_loops
 from layerfix.fdm.single_beads import bead_lines, spot_beads
+from layerfix.fdm.spots import filled_spots
 from layerfix.layers.columns import bounding_box
 from layerfix.layers.components import components_at, smaller_than
 from layerfix.layers.flood import flood
@@ -74,6 +75,7 @@ SPOT = 25.0  # thick parts of fewer square spacings than this get no infill
 WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
 WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
+SPOT_WANTED = 0.96  # of a small part's material
 DEPTH = 3  # spacings: how much deeper than the perimeters the distance to the edge is asked for
 LEFT = 0.9  # of the narrowest spacing: what is open so wide, and not inside, gets a spot of its own
 # Square spacings inside a loop that is no loop where single beads come together: in walls, and in what they leave.
@@ -178,6 +180,11 @@ def plan_layer(
     room = Room(share_of_cells(solid & ~sparse, size), corner_mm, size * pixel_mm)
     full = [path for path in paths if path.kind != SPARSE]
     full = balanced(full, room, overlap_mm=extra, range_mm=settings.range_mm, step_mm=WIDTH_STEP_MM)
+    to_px = np.array([1, -1]) / pixel_mm
+    pixels = [(path.points_mm[len(path.points_mm) // 2] - corner_mm) * to_px - 0.5 for path in full]
+    full = filled_spots(
+        full, solid, pixels, pixel_mm, overlap_mm=extra, range_mm=settings.range_mm, wanted=SPOT_WANTED
+    )
     return full + [path for path in paths if path.kind == SPARSE]
 
 
