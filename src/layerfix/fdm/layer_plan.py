@@ -181,7 +181,7 @@ def plan_layer(
     full = [path for path in paths if path.kind != SPARSE]
     full = balanced(full, room, overlap_mm=extra, range_mm=settings.range_mm, step_mm=WIDTH_STEP_MM)
     to_px = np.array([1, -1]) / pixel_mm
-    pixels = [(path.points_mm[len(path.points_mm) // 2] - corner_mm) * to_px - 0.5 for path in full]
+    pixels = [(path.points_mm[:-1].mean(axis=0) - corner_mm) * to_px - 0.5 for path in full]
     full = filled_spots(
         full, solid, pixels, pixel_mm, overlap_mm=extra, range_mm=settings.range_mm, wanted=SPOT_WANTED
     )

@@ -9,6 +9,7 @@ import numpy as np
 from layerfix.fdm.beads import Path
 from layerfix.fdm.fields import pixels_of
 from layerfix.layers.components import components_at, smaller_than
+from layerfix.layers.morphology import dilate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +39,8 @@ def filled_spots(
         return list(paths)
     rows, columns = pixels_of(small)
     x, y = np.rint(np.array(pixels)).astype(np.int64).T
-    on = (small[y, x >> 6] >> (x & 63).astype(np.uint64) & np.uint64(1)).astype(np.bool_)
+    near = dilate(small, 64 * small.shape[1], (2.5, 2.5))  # a bead across a neck may have its middle beside it
+    on = (near[y, x >> 6] >> (x & 63).astype(np.uint64) & np.uint64(1)).astype(np.bool_)
     number, _ = components_at(small, np.concatenate([columns, x]), np.concatenate([rows, y]))
     areas = np.bincount(number[: len(rows)], minlength=int(number.max()) + 1) * pixel_mm**2
     laid = np.zeros(len(areas))
