@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
-from layerfix.fdm.fields import INDEX_LIST, POINTS, STARTS
+from layerfix.fdm.fields import FIELD, INDEX_LIST, POINTS, STARTS
 
 MASK = types.Array(types.uint8, 2, "C")
+MOST_TURN = 1.1  # radians: in round spots, whose ridge is flat, the way would go round and round
+FALL = 3  # pixels over which a ridge falls where it ends
 
 
 @njit
@@ -87,6 +89,80 @@ def trace_lines(mask, rows, columns):  # type: ignore[no-untyped-def]
                     chains += 1
                     starts[chains] = n
     return points[:n].copy(), starts[: chains + 1].copy()
+
+
+@njit
+def _between(field, x, y):  # type: ignore[no-untyped-def]
+    """The field between its pixels, bilinear; 0 outside."""
+    i, j = int(np.floor(x)), int(np.floor(y))
+    if not (0 <= i < field.shape[1] - 1 and 0 <= j < field.shape[0] - 1):
+        return 0.0
+    u, v = x - i, y - j
+    top = field[j, i] + u * (field[j, i + 1] - field[j, i])
+    bottom = field[j + 1, i] + u * (field[j + 1, i + 1] - field[j + 1, i])
+    return top + v * (bottom - top)
+
+
+@njit(POINTS(FIELD, types.float64, types.float64, types.float64, types.float64, types.int64), cache=True, nogil=True)
+def along_ridge(field, x, y, angle, slope, longest):  # type: ignore[no-untyped-def]
+    """(n, 3) x, y and the field's value on the way along its ridge from (x, y), at most `longest` steps of a pixel.
+
+    Each step turns by at most 36 degrees to where the field is highest, all together by MOST_TURN. The way ends
+    where the field falls by more than `slope` a step over FALL steps, and those do not count.
+    """
+    points = np.empty((longest + 1, 3))
+    points[0] = x, y, _between(field, x, y)
+    n, first = 1, angle
+    while n <= longest:
+        best, turn = -1.0, 0.0
+        for k in range(7):
+            t = (k + 1) // 2 * 0.21 * (1 if k % 2 else -1)
+            if abs(angle + t - first) > MOST_TURN:
+                continue
+            value = _between(field, x + np.cos(angle + t), y + np.sin(angle + t)) - 1e-6 * abs(t)
+            if value > best:
+                best, turn = value, t
+        if best <= 0:
+            return points[: max(n - FALL, 1)].copy()
+        angle += turn
+        x, y = x + np.cos(angle), y + np.sin(angle)
+        points[n] = x, y, best
+        n += 1
+        if n > FALL and points[n - 1 - FALL, 2] - best > FALL * slope:
+            return points[: n - FALL].copy()
+    return points
+
+
+@njit(types.int64(FIELD, types.int64, types.int64, types.int64), cache=True, nogil=True)
+def spot_px(field, x, y, reach):  # type: ignore[no-untyped-def]
+    """How many pixels above 0 hang together (8-connected) with pixel (x, y).
+
+    It is 0 if that is not above 0, or if one of them is farther than `reach` away.
+    """
+    side = 2 * reach + 1
+    seen = np.zeros((side, side), np.bool_)
+    todo = np.empty((side * side, 2), np.int64)
+    todo[0] = reach, reach
+    seen[reach, reach] = True
+    left, count = 1, 0
+    if not field[y, x] > 0:
+        return 0
+    while left:
+        left -= 1
+        v, u = todo[left]
+        count += 1
+        for dv in range(-1, 2):
+            for du in range(-1, 2):
+                j, i = y + v + dv - reach, x + u + du - reach
+                if not (0 <= j < field.shape[0] and 0 <= i < field.shape[1]) or not field[j, i] > 0:
+                    continue
+                if not (0 <= v + dv < side and 0 <= u + du < side):
+                    return 0
+                if not seen[v + dv, u + du]:
+                    seen[v + dv, u + du] = True
+                    todo[left] = v + dv, u + du
+                    left += 1
+    return count
 
 
 @njit(types.boolean[::1](POINTS, types.float64), cache=True, nogil=True)

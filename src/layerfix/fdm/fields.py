@@ -39,18 +39,6 @@ def bits_above(field, level):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(types.void(MUTABLE_FIELD, types.float32, types.float32), cache=True, nogil=True)
-def to_edge_mm(distance, pixel_mm, inset_mm):  # type: ignore[no-untyped-def]
-    """Distances to the middle of the nearest void pixel, in px, made distances to the edge less `inset_mm`, in mm.
-
-    Solid pixels keep at least LEAST_MM: nothing is too thin to be laid.
-    """
-    for y in range(distance.shape[0]):
-        for x in range(distance.shape[1]):
-            away = (distance[y, x] - np.float32(0.5)) * pixel_mm - inset_mm
-            distance[y, x] = max(away, LEAST_MM) if distance[y, x] > 0 else away
-
-
 @njit(ROWS_OUT(FIELD, FIELD, ROWS, types.float32, types.float32), cache=True, nogil=True)
 def bits_unexplained(remaining, local, thick, least, slack):  # type: ignore[no-untyped-def]
     """Packed rows of the pixels that are deeper than `least` and than the thickness known there allows, by `slack`,
@@ -111,32 +99,49 @@ def half_spacings(half, local, thick, one, two, elsewhere):  # type: ignore[no-u
     """half = half the spacing of the ring's bead: `elsewhere` where it is thick or nothing is known; where the
     thickness `local` is under `one` no loop fits; up to `two` it holds two beads, else three."""
     for y in range(half.shape[0]):
-        for x in range(half.shape[1]):
-            value = local[y, x]
-            if value == 0 or (thick[y, x >> 6] >> np.uint64(x & 63)) & U1:
-                half[y, x] = elsewhere
-            elif value < one:
-                half[y, x] = NO_LEVEL
-            else:
-                half[y, x] = value / 4 if value <= two else value / 6
+        for w in range(thick.shape[1]):
+            word, line, known = thick[y, w], half[y, 64 * w : 64 * w + 64], local[y, 64 * w : 64 * w + 64]
+            if word == ~U0:
+                line[:] = elsewhere
+                continue
+            for x in range(64):
+                value = known[x]
+                fitting = value / 4 if value <= two else value / 6
+                fitting = NO_LEVEL if value < one else fitting
+                line[x] = elsewhere if value == 0 else fitting
+            if word != U0:
+                for x in range(64):
+                    if (word >> np.uint64(x)) & U1:
+                        line[x] = elsewhere
 
 
 @njit(types.void(MUTABLE_FIELD, FIELD, ROWS), cache=True, nogil=True)
 def take_off(remaining, half, keep):  # type: ignore[no-untyped-def]
     """remaining -= 2 · half, but for the pixels of `keep` (packed)."""
     for y in range(half.shape[0]):
-        for x in range(half.shape[1]):
-            if not (keep[y, x >> 6] >> np.uint64(x & 63)) & U1:
-                remaining[y, x] -= 2 * half[y, x]
+        for w in range(keep.shape[1]):
+            word, line, less = keep[y, w], remaining[y, 64 * w : 64 * w + 64], half[y, 64 * w : 64 * w + 64]
+            if word == U0:
+                for x in range(64):
+                    line[x] -= 2 * less[x]
+            elif word != ~U0:
+                for x in range(64):
+                    if not (word >> np.uint64(x)) & U1:
+                        line[x] -= 2 * less[x]
 
 
 @njit(types.void(FIELD, ROWS, MUTABLE_FIELD), cache=True, nogil=True)
 def copy_outside(field, where, target):  # type: ignore[no-untyped-def]
     """target = field but for the pixels of `where` (packed)."""
     for y in range(field.shape[0]):
-        for x in range(field.shape[1]):
-            if not (where[y, x >> 6] >> np.uint64(x & 63)) & U1:
-                target[y, x] = field[y, x]
+        for w in range(where.shape[1]):
+            word, line, new = where[y, w], field[y, 64 * w : 64 * w + 64], target[y, 64 * w : 64 * w + 64]
+            if word == U0:
+                new[:] = line
+            elif word != ~U0:
+                for x in range(64):
+                    if not (word >> np.uint64(x)) & U1:
+                        new[x] = line[x]
 
 
 @njit(MUTABLE_FIELD(FIELD, ROWS, types.float32), cache=True, nogil=True)

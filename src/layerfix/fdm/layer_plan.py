@@ -23,9 +23,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.bits import unpack
+from layerfix.bits import pack, unpack
+from layerfix.fdm.balance import CELL_MM, Room, balanced
 from layerfix.fdm.beads import BRIDGE, EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
 from layerfix.fdm.chains import needed_points
+from layerfix.fdm.covering import lay, lay_the_rest
+from layerfix.fdm.distance import edge_distance, share_of_cells
 from layerfix.fdm.fields import (
     NO_LEVEL,
     bits_above,
@@ -39,13 +42,13 @@ from layerfix.fdm.fields import (
     paint_ends,
     pixels_of,
     take_off,
-    to_edge_mm,
 )
 from layerfix.fdm.infill import rectilinear
 from layerfix.fdm.level_sets import level_loops
-from layerfix.fdm.single_beads import bead_lines
+from layerfix.fdm.single_beads import bead_lines, spot_beads
+from layerfix.fdm.spots import filled_spots
 from layerfix.layers.columns import bounding_box
-from layerfix.layers.components import smaller_than
+from layerfix.layers.components import components_at, smaller_than
 from layerfix.layers.flood import flood
 from layerfix.layers.morphology import dilate, opened
 from layerfix.layers.skeleton import thinned_rows
@@ -73,6 +76,11 @@ SPOT = 25.0  # thick parts of fewer square spacings than this get no infill
 WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
 WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
+SPOT_WANTED = 0.96  # of a small part's material
+DEPTH = 3  # spacings: how much deeper than the perimeters the distance to the edge is asked for
+LEFT = 0.9  # of the narrowest spacing: what is open so wide, and not inside, gets a spot of its own
+# Square spacings inside a loop that is no loop where single beads come together: in walls, and in what they leave.
+KNOT, SMALL_KNOT = 2.0, 1.0
 LEAST_GAP = 0.7  # of the narrowest spacing: what is thinner is left open
 
 
@@ -84,6 +92,11 @@ class Beads:
     narrowest: float
     widest: float
     overlap: float
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The narrowest and the widest."""
+        return self.narrowest, self.widest
 
     @property
     def one(self) -> float:
@@ -148,8 +161,6 @@ def plan_layer(
     bridges: Sequence[Bridge] = (),
 ) -> list[Path]:
     """The paths of a layer, in no order; `below` and `above` are its nearest neighbours (`each_with_neighbours`)."""
-    import cv2
-
     box = bounding_box(layer.rows)
     if not box[1]:
         return []
@@ -157,15 +168,28 @@ def plan_layer(
     low, high = settings.range_mm
     beads = Beads(width_mm - extra, low - extra, high - extra, extra)
     sheet = _Sheet(box, beads, settings, pixel_mm, origin_mm, width_mm)
-    image = unpack(bordered(layer.rows, box), 64 * (box[3] - box[2] + 2)).view(np.uint8)
-    remaining: Field = np.asarray(cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
-    to_edge_mm(remaining, np.float32(pixel_mm), np.float32(extra / 2))
+    solid = bordered(layer.rows, box)
+    reach_px = math.ceil((settings.perimeters + DEPTH) * beads.usual / pixel_mm)
+    remaining: Field = edge_distance(solid, np.float32(reach_px), np.float32(pixel_mm), np.float32(extra / 2))
     paths, body = _rings(sheet, remaining)
+    sparse, bridged = np.zeros_like(body), np.zeros_like(body)
+    crossed: list[Path] = []
     if body.any():
         open_parts = _open_parts(below, layer, above, settings, beads.usual / pixel_mm)
-        paths += _bridges(sheet, remaining, body, bridges)
-        paths += _infill(sheet, remaining, body, open_parts, index)
-    return paths
+        crossed, bridged = _bridges(sheet, remaining, body, bridges)
+        infill, sparse = _infill(sheet, remaining, body, open_parts, index)
+        paths += infill
+    size = max(round(CELL_MM / pixel_mm), 1)
+    corner_mm = (sheet.corner_px - 0.5) * np.array([pixel_mm, -pixel_mm]) + np.array(origin_mm)
+    room = Room(share_of_cells(solid & ~sparse & ~bridged, size), corner_mm, size * pixel_mm)
+    full = [path for path in paths if path.kind != SPARSE]
+    full = balanced(full, room, overlap_mm=extra, range_mm=settings.range_mm, step_mm=WIDTH_STEP_MM)
+    to_px = np.array([1, -1]) / pixel_mm
+    pixels = [(path.points_mm[:-1].mean(axis=0) - corner_mm) * to_px - 0.5 for path in full]
+    full = filled_spots(
+        full, solid & ~bridged, pixels, pixel_mm, overlap_mm=extra, range_mm=settings.range_mm, wanted=SPOT_WANTED
+    )
+    return full + crossed + [path for path in paths if path.kind == SPARSE]
 
 
 def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
@@ -173,45 +197,84 @@ def _rings(sheet: _Sheet, remaining: Field) -> tuple[list[Path], Rows]:
     paths: list[Path] = []
     half = np.empty_like(remaining)
     body = np.zeros((remaining.shape[0], remaining.shape[1] // 64), np.uint64)
+    laid = np.zeros(remaining.shape, np.uint8)
+    solid = bits_above(remaining, np.float32(0))
     for level in range(sheet.settings.perimeters):
         ring = plan_ring(remaining, half, sheet.beads, sheet.pixel_mm, loops=True, feature=level == 0)
         for line in ring.loops:
             paths += sheet.path(line, EXTERNAL if level == 0 else PERIMETER)
-        for line in ring.chains:
+            lay(laid, line, sheet.pixel_mm)
+        for line in lay_the_rest(laid, ring.chains, sheet.pixel_mm, sheet.beads.narrowest):
             paths += sheet.path(line, EXTERNAL if level == 0 else GAP_FILL)
         take_off(remaining, half, body)
     for _ in range(2):  # three beads in a thin place are two rounds
         ring = plan_ring(remaining, half, sheet.beads, sheet.pixel_mm, loops=False, feature=False)
-        for line in ring.loops + ring.chains:
+        for line in ring.loops:
+            paths += sheet.path(line, GAP_FILL)
+            lay(laid, line, sheet.pixel_mm)
+        for line in lay_the_rest(laid, ring.chains, sheet.pixel_mm, sheet.beads.narrowest):
             paths += sheet.path(line, GAP_FILL)
         body |= ring.thick
         if not ring.loops:
             break
         take_off(remaining, half, body)
+    open_rows = solid & ~pack(laid.view(np.bool_)) & ~body
+    for line in _what_is_left(open_rows, sheet.beads, remaining.shape[1], sheet.pixel_mm):
+        paths += sheet.path(line, GAP_FILL)
     return paths, body
 
 
-def _bridges(sheet: _Sheet, remaining: Field, body: Rows, bridges: Sequence[Bridge]) -> list[Path]:
-    """Lines over air, each region in its own direction; what they take is taken off `body`."""
+def _bridges(sheet: _Sheet, remaining: Field, body: Rows, bridges: Sequence[Bridge]) -> tuple[list[Path], Rows]:
+    """(lines over air, each region in its own direction; where they are, packed, which is taken off `body`)."""
     usual = sheet.beads.usual
     paths: list[Path] = []
+    bridged = np.zeros_like(body)
     inset_px = usual / 2 / sheet.pixel_mm + BORDER_PX
     for bridge in bridges:
         where = bordered(bridge.rows, sheet.box) & body
         if not (bordered(bridge.over_air, sheet.box) & body).any():  # perimeters fill it
             continue
         body &= ~where
+        bridged |= where
         if body.any():
             where = where & ~dilate(body, remaining.shape[1], (inset_px, inset_px))
         field = field_within(remaining, where, np.float32((0.5 - INFILL_OVERLAP) * usual))
         for points in rectilinear(field, bridge.angle, usual / sheet.pixel_mm, -0.3 * usual, sheet.corner_px):
             if _length(points) * sheet.pixel_mm > sheet.width_mm / 2:
                 paths += sheet.path(np.column_stack([points, np.full(len(points), usual)]), BRIDGE)
-    return paths
+    return paths, bridged
 
 
-def _infill(sheet: _Sheet, remaining: Field, body: Rows, open_parts: tuple[Rows, Rows], index: int) -> list[Path]:
-    """Lines where `body` (packed) is: solid in the open parts, sparse elsewhere; turned from layer to layer."""
+def _what_is_left(open_rows: Rows, beads: Beads, width: int, pixel_mm: float) -> list[Floats]:
+    """A stroke or a dot in each place (packed) that is still open and takes half of the narrowest bead: lobes beyond
+    necks, the middle of stars."""
+    import cv2
+
+    reach = LEFT * beads.narrowest / 2 / pixel_mm
+    places = opened(open_rows, width, (reach, reach))
+    if not places.any():
+        return []
+    rows, columns = pixels_of(places)
+    component, _ = components_at(places, columns, rows)
+    lines = []
+    for number in np.unique(component).tolist():
+        ys, xs = rows[component == number], columns[component == number]
+        x, y = int(xs.min()), int(ys.min())
+        part = np.zeros((int(ys.max()) - y + 5, int(xs.max()) - x + 5), np.uint8)
+        part[ys - y + 2, xs - x + 2] = 1
+        depth = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * np.float32(pixel_mm)
+        row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+        spot = np.array([column, row], np.float64), 2 * float(depth[row, column])
+        found = spot_beads([spot], np.asarray(depth, np.float32), pixel_mm, beads.range)
+        lines += [line + np.array([x - 2, y - 2, 0]) for line in found]
+    return lines
+
+
+def _infill(
+    sheet: _Sheet, remaining: Field, body: Rows, open_parts: tuple[Rows, Rows], index: int
+) -> tuple[list[Path], Rows]:
+    """(lines where `body` (packed) is: solid in the open parts, sparse elsewhere; turned from layer to layer; where
+    they are sparse, packed)."""
     density, usual = sheet.settings.density, sheet.beads.usual
     solid, bare = (bordered(rows, sheet.box) for rows in open_parts)
     if density > 1 - 1e-9:
@@ -235,7 +298,7 @@ def _infill(sheet: _Sheet, remaining: Field, body: Rows, open_parts: tuple[Rows,
             for part, on_top in _parted(points, bare) if share == 1.0 else [(points, False)]:
                 kind = SPARSE if share < 1.0 else TOP if on_top else SOLID
                 paths += sheet.path(np.column_stack([part, np.full(len(part), usual)]), kind)
-    return paths
+    return paths, body & ~solid
 
 
 def _parted(points: Floats, mask: Rows) -> list[tuple[Floats, bool]]:
@@ -295,16 +358,17 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     smooth = np.asarray(cv2.GaussianBlur(remaining, (0, 0), SMOOTH_PX), np.float32)
     copy_outside(remaining, thick, smooth)
     inside = bits_higher(smooth, half)
-    points, starts = level_loops(smooth, half, inside)
     chosen = thickness < beads.one
+    if chosen.any():
+        knot_px = (KNOT if feature else SMALL_KNOT) * (beads.usual / pixel_mm) ** 2
+        chosen |= _single_knots(inside, half, rows, columns, chosen, beads, pixel_mm, knot_px)
+    points, starts = level_loops(smooth, half, inside)
     if not feature:
         chosen &= thickness >= LEAST_GAP * beads.narrowest
     if chosen.any():
-        reach = beads.usual / 2 / pixel_mm
-        covered = unpack(dilate(inside, width, (reach, reach)), width)
-        chosen &= ~covered[rows, columns]
         line = rows[chosen], columns[chosen], middle[chosen]
-        chains = bead_lines(*line, remaining, pixel_mm, beads.narrowest, dots=feature)
+        blocked = unpack(thick | inside, width)
+        chains = bead_lines(*line, np.where(blocked, 0, remaining), pixel_mm, beads.range, dots=feature)
     points[:, 2] *= 2
     found = [
         np.concatenate([points[a:b], points[a : a + 1]])
@@ -312,6 +376,35 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
         if _length(points[a:b]) * pixel_mm > 0.6 * beads.narrowest
     ]
     return Ring(found, chains, thick)
+
+
+def _single_knots(
+    inside: Rows,
+    half: Field,
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    single: NDArray[np.bool_],
+    beads: Beads,
+    pixel_mm: float,
+    knot_px: float,
+) -> NDArray[np.bool_]:
+    """Which pixels of the skeleton, (n,), lie in knots: places for two beads, but so small that their loop would be a
+    dot, where single ones come together. Those go on through them. `inside` and `half` forget their loops.
+    """
+    width = half.shape[1]
+    knots = smaller_than(inside, knot_px)
+    if not knots.any():
+        return np.zeros(len(rows), np.bool_)
+    arms = np.zeros(half.shape, np.bool_)
+    arms[rows[single], columns[single]] = True
+    reach = beads.one / 2 / pixel_mm + 1.5
+    lines = pack(arms)
+    lines &= ~smaller_than(lines, beads.usual / pixel_mm)
+    knots &= flood(dilate(lines, width, (reach, reach)), knots)
+    half[pixels_of(knots)] = NO_LEVEL
+    inside &= ~knots
+    near = unpack(dilate(knots, width, (reach, reach)), width)
+    return np.asarray(near[rows, columns])
 
 
 def _paint_lobes(local: Field, remaining: Field, thick: Rows, beads: Beads, pixel_mm: float) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.fdm.chains import trace_lines
+from layerfix.fdm.chains import along_ridge, spot_px, trace_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +18,17 @@ if TYPE_CHECKING:
 
 TANGENT_PX = 6  # pixels of a chain that tell its direction at an end
 LEAST_RADIUS_MM = 0.04  # of the way round a dot
+ENDS_SLOPE = 0.6  # pixels: a ridge that falls faster is the round end of a place, where it falls by one a pixel
+# Half a disc lies beyond the end of a ridge, π / 8 of a thickness long at its width; half of that is laid.
+PAST_END = 0.2
+LEAST_STROKE, LONGEST_STROKE_MM = 0.4, 2.0  # of the place's thickness; what is shorter is a dot
+STRAIGHT = 0.85  # of its length are the ends of a stroke apart, or it follows the flat top of something round
+NEARLY_ROUND = 1.3  # discs: the ridge of so round a spot bends anywhere
+ROUND = 1.5  # discs: a dot fills no more, or it is one of several lobes
+THIN = 0.6  # of the narrowest bead
+FULL = 0.9  # of the widest bead, at which short strokes are laid at most
+STUB_PX = 5  # pixels
+LARGEST_SPOT = 1.5  # widest beads from its middle: what is larger is a place in something else
 SMOOTH_PX = 5  # pixels over which place and width are averaged along a chain
 
 
@@ -27,7 +38,7 @@ def bead_lines(
     middle: Field,
     remaining: Field,
     pixel_mm: float,
-    narrowest_mm: float,
+    range_mm: tuple[float, float],
     *,
     dots: bool,
 ) -> list[Floats]:
@@ -35,55 +46,91 @@ def bead_lines(
 
     middle        (n, 3) mm: thickness there, and where the middle of the place lies beside the pixel
     remaining     (H, W) mm to the edge
-    narrowest_mm  the least spacing of a bead
+    range_mm      the least and the largest spacing of a bead
     dots          whether a line shorter than it is wide is laid, too
     """
     if not len(rows):
         return []
     points, starts = trace_lines(np.zeros(remaining.shape, np.uint8), rows, columns)
-    chains, open_ends = _joined([points[a:b] for a, b in pairwise(starts)])
+    narrowest_mm = range_mm[0]
+    chains, open_ends = _joined(_without_stubs([points[a:b] for a, b in pairwise(starts)]))
     known = dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), middle.tolist(), strict=True))
     beads: list[Floats] = []
-    vanished: list[tuple[float, Floats]] = []
-    for chain, ends in zip(chains, open_ends, strict=True):
+    spots: list[tuple[Floats, float]] = []
+    for k, (chain, ends) in enumerate(zip(chains, open_ends, strict=True)):
         facts = np.array([known[int(x), int(y)] for x, y in chain])
-        spacing, chain = facts[:, 0], chain + facts[:, 1:] / pixel_mm
-        extent_px = np.ptp(chain, axis=0).max() if _ring(chain) else len(chain)
-        if (all(ends) or _ring(chain)) and extent_px * pixel_mm < max(spacing.max(), narrowest_mm) / 2:
+        spacing, line = facts[:, 0], chain + facts[:, 1:] / pixel_mm
+        extent_px = np.ptp(line, axis=0).max()
+        if extent_px * pixel_mm < max(spacing.max(), narrowest_mm) / 2 and (all(ends) or _alone(k, chains)):
             if dots or spacing.max() >= 1.25 * narrowest_mm:
-                beads.append(_dot(chain.mean(axis=0), float(spacing.max()), narrowest_mm, pixel_mm))
+                spots.append((line.mean(axis=0), float(spacing.max())))
             continue
-        line = np.column_stack([_smoothed(chain[:, 0]), _smoothed(chain[:, 1]), _smoothed(spacing)])
-        for end in (0, 1):
-            line = line[::-1]
-            if ends[1 - end] and len(line):
-                line = _carried_on(line, remaining, pixel_mm)
-            elif len(line) and not _ring(chain):
-                line = _trimmed(line, line[-1, 2] / 2 / pixel_mm)
-        if len(line) > 1 and np.ptp(line[:, :2], axis=0).max() > 0:
+        line = np.column_stack([_smoothed(line[:, 0]), _smoothed(line[:, 1]), _smoothed(spacing)])
+        if not _ring(chain):
+            for end in (0, 1):
+                line = line[::-1]
+                if ends[end]:
+                    line = _carried_on(line, remaining, pixel_mm)
+        if (
+            len(line) > 1
+            and np.ptp(line[:, :2], axis=0).max() > 0
+            and not _neck(line, remaining, pixel_mm, range_mm[0])
+        ):
             beads.append(line)
-        else:  # trimmed away from both sides
-            k = int(spacing.argmax())
-            vanished.append((float(spacing[k]), chain[k]))
-    for thickest, middle_px in sorted(vanished, key=lambda each: -each[0]):
-        near = any(np.hypot(*(line[:, :2] - middle_px).T).min() * pixel_mm < thickest for line in beads)
-        if (dots or thickest >= narrowest_mm) and not near:
-            beads.append(_dot(middle_px, thickest, narrowest_mm, pixel_mm))
-    return beads
+    return beads + spot_beads(spots, remaining, pixel_mm, range_mm)
+
+
+def _neck(line: Floats, remaining: Field, pixel_mm: float, narrowest_mm: float) -> bool:
+    """Whether a line is shorter and much thinner than a bead, between places that are thicker and get their own."""
+    if _length(line) * pixel_mm > narrowest_mm or line[:, 2].max() > THIN * narrowest_mm:
+        return False
+    reach = round(narrowest_mm / pixel_mm)
+    x, y = np.rint(line[:, :2].mean(axis=0)).astype(np.int64)
+    around = remaining[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
+    return bool(2 * around.max() > narrowest_mm)
+
+
+def _alone(k: int, chains: list[Floats]) -> bool:
+    """Whether no other chain ends near the ends of chain k."""
+    tips = chains[k][[0, -1]]
+    return not any((np.abs(c[[0, -1], None] - tips).max(axis=2) <= 2).any() for c in chains[:k] + chains[k + 1 :])
+
+
+def spot_beads(
+    spots: list[tuple[Floats, float]], remaining: Field, pixel_mm: float, range_mm: tuple[float, float]
+) -> list[Floats]:
+    """A stroke or a dot each for places whose skeleton is hardly more than a pixel: (its x, y in px, thickness)."""
+    narrowest_mm, widest_mm = range_mm
+    lines = []
+    for middle, thickness in spots:
+        x, y = np.rint(middle).astype(np.int64).tolist()
+        area_mm2 = spot_px(remaining, x, y, round(LARGEST_SPOT * widest_mm / pixel_mm)) * pixel_mm**2
+        disc = math.pi / 4 * thickness**2
+        stroke = _stroke(middle, remaining, pixel_mm)
+        long = _length(stroke) * pixel_mm > LEAST_STROKE * max(thickness, narrowest_mm)
+        if long and not 0 < area_mm2 < NEARLY_ROUND * disc:
+            lines.append(_filling(stroke, area_mm2, widest_mm, pixel_mm))
+        else:
+            lines.append(_dot(middle, min(max(area_mm2, disc), ROUND * disc), narrowest_mm, pixel_mm))
+    return lines
 
 
 def _ring(chain: Floats) -> bool:
     return len(chain) > 2 and bool((chain[0] == chain[-1]).all())
 
 
-def _dot(middle: Floats, thickness_mm: float, narrowest_mm: float, pixel_mm: float) -> Floats:
+def _dot(middle: Floats, area_mm2: float, narrowest_mm: float, pixel_mm: float) -> Floats:
     """The narrowest bead round the middle of a dot, as long as gives its area: a stroke would stick out."""
-    radius_px = max(thickness_mm**2 / (8 * narrowest_mm), LEAST_RADIUS_MM) / pixel_mm
+    radius_px = max(area_mm2 / (2 * math.pi * narrowest_mm), LEAST_RADIUS_MM) / pixel_mm
     angle = np.linspace(0, 2 * np.pi, 9)
     x, y = middle[0] + radius_px * np.cos(angle), middle[1] + radius_px * np.sin(angle)
     loop = np.column_stack([x, y, np.full(len(angle), narrowest_mm)])
     loop[-1] = loop[0]
     return loop
+
+
+def _length(line: Floats) -> float:
+    return float(np.hypot(*np.diff(line[:, :2], axis=0).T).sum())
 
 
 def _smoothed(values: Floats) -> Floats:
@@ -99,30 +146,65 @@ def _smoothed(values: Floats) -> Floats:
 
 
 def _carried_on(line: Floats, remaining: Field, pixel_mm: float) -> Floats:
-    """The line with its last point moved on, straight, as far as its bead stays inside."""
+    """The line carried on along the ridge as far as the place is as wide: lines of a skeleton end before it does."""
     back = line[max(len(line) - 1 - TANGENT_PX, 0)]
-    along = line[-1, :2] - back[:2]
-    length = math.hypot(*along)
-    if length == 0:
-        return line
     x, y, spacing = line[-1]
-    step, far = along / length / 2, 0
-    height, width = remaining.shape
-    while far < 4 * spacing / pixel_mm:
-        i, j = round(x + (far + 1) * step[0]), round(y + (far + 1) * step[1])
-        if not (0 <= i < width and 0 <= j < height) or remaining[j, i] < spacing / 2 - 0.75 * pixel_mm:
-            break
-        far += 1
-    if not far:
+    if (line[-1, :2] == back[:2]).all():
         return line
-    return np.vstack([line, [x + far * step[0], y + far * step[1], spacing]])
+    angle = math.atan2(y - back[1], x - back[0])
+    ridge = along_ridge(remaining, x, y, angle, ENDS_SLOPE * pixel_mm, round(4 * spacing / pixel_mm))
+    more = np.column_stack([ridge[:, :2], np.clip(2 * ridge[:, 2], 0.5 * spacing, 1.5 * spacing)])[1:]
+    x, y, spacing = more[-1] if len(more) else line[-1]
+    if len(more):
+        back = ridge[max(len(ridge) - 1 - TANGENT_PX, 0)]
+        angle = math.atan2(y - back[1], x - back[0])
+    tip = PAST_END * spacing / pixel_mm
+    return np.vstack([line, more, [[x + tip * math.cos(angle), y + tip * math.sin(angle), spacing]]])
 
 
-def _trimmed(line: Floats, length_px: float) -> Floats:
-    """The line without its last stretch: there the bead that goes on through the junction lies."""
-    away = np.hypot(*(line[:, :2] - line[-1, :2]).T)
-    kept = line[: len(line) - int(np.argmax(away[::-1] > length_px))] if (away > length_px).any() else line[:0]
-    return kept
+def _stroke(middle: Floats, remaining: Field, pixel_mm: float) -> Floats:
+    """The longest way along the ridge both ways from a point, (n, 3): a place whose skeleton is a dot may be long."""
+    x, y = middle
+    longest = round(LONGEST_STROKE_MM / pixel_mm)
+    best, farthest = np.array([[x, y, 0.0]]), 0.0
+    for turn in range(8):
+        angle = turn * math.pi / 8
+        ways = [along_ridge(remaining, x, y, a, ENDS_SLOPE * pixel_mm, longest) for a in (angle + math.pi, angle)]
+        line = np.vstack([ways[0][:0:-1], ways[1]])
+        chord = math.hypot(*(line[-1, :2] - line[0, :2]))
+        if chord > max(farthest, STRAIGHT * _length(line)):
+            best, farthest = line, chord
+    return np.column_stack([best[:, :2], 2 * best[:, 2]])
+
+
+def _filling(stroke: Floats, area_mm2: float, widest_mm: float, pixel_mm: float) -> Floats:
+    """A short stroke, straight on at both ends until no wider than the nozzle lays it fills its area.
+
+    That is at least what it crosses and half a disc beyond each end.
+    """
+    length = _length(stroke) * pixel_mm
+    crossed = float(stroke[:, 2].mean()) * length + math.pi / 8 * float((stroke[[0, -1], 2] ** 2).sum())
+    area = max(area_mm2, crossed)
+    wanted = max(length, area / (FULL * widest_mm))
+    along = (stroke[-1, :2] - stroke[0, :2]) / math.hypot(*(stroke[-1, :2] - stroke[0, :2]))
+    more = along * (wanted - length) / 2 / pixel_mm
+    points = np.vstack([stroke[0, :2] - more, stroke[:, :2], stroke[-1, :2] + more])
+    return np.column_stack([points, np.full(len(points), area / wanted)])
+
+
+def _without_stubs(chains: list[Floats]) -> list[Floats]:
+    """Chains but for the shortest that hang on another by one end: where they fork off, a line would end."""
+    short = [k for k, chain in enumerate(chains) if 1 < len(chain) <= STUB_PX and not _ring(chain)]
+    if not short:
+        return chains
+    tips = np.array([chain[[0, -1]] for chain in chains])
+    stubs: set[int] = set()
+    for k in short:
+        near = (np.abs(tips[:, None] - tips[k][None, :, None]).max(axis=3) <= 2).any(axis=2)
+        near[k] = False
+        if near.any(axis=0).sum() == 1 and not stubs.intersection(np.flatnonzero(near.any(axis=1)).tolist()):
+            stubs.add(k)
+    return [chain for k, chain in enumerate(chains) if k not in stubs]
 
 
 def _joined(chains: list[Floats]) -> tuple[list[Floats], list[tuple[bool, bool]]]:
