@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.errors import InputError
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -12,9 +12,10 @@ word and one row, so that no neighbour needs a test. Rows come in blocks of BLOC
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, WORK
+from layerfix.kernels import njit
 
 BLOCK = 8  # rows; the unit in which kernels note what changed or is empty
 BOX = types.UniTuple(types.int64, 4)

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, WORK, pack, popcount, unpack
 from layerfix.errors import InputError
+from layerfix.kernels import njit
 from layerfix.layers.columns import to_columns, to_rows
 from layerfix.layers.morphology import HALF_WIDTHS, dilate_columns, disc_half_widths, erode_columns, working_box
 from layerfix.layers.skeleton import Radius, Spurs, check_spurs, radii_px, thin_anchored

@@ -1,0 +1,215 @@
+"""`njit` as this package uses it: numba's, with kernels that are loaded when first called and never stale.
+
+A kernel has one signature and is compiled, or loaded from `layerfix.kernel_cache`, at its first call; a helper has
+none and is compiled into the kernels that call it. So a run loads only what it calls, and compiles only that. Loading
+needs none of numba's registries (with scipy, 0.35 s), as long as nothing has to be compiled.
+
+The stamp of a kernel is a digest of its bytecode, its constants, and the stamps of what it calls, all the way down:
+it changes whenever the machine code may, wherever the edit was, and is the same in a checkout and in an install.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from types import CodeType, ModuleType
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core import config, event, types
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
+from numba.core.serialize import dumps
+
+from layerfix import kernel_cache
+
+PACKAGE = __name__.partition(".")[0]
+
+
+class Kernel(CPUDispatcher):  # type: ignore[misc]  # numba has no types
+    """A compiled function: one declared signature, or none for a helper of other kernels."""
+
+    def __init__(self, py_func: Callable[..., Any], signature: Any, options: dict[str, Any]) -> None:
+        # What Python and C call a function through is compiled, too, and takes a sixth of the time.
+        wrappers = {"no_cfunc_wrapper": True, "no_cpython_wrapper": signature is None}
+        super().__init__(py_func, {}, {"nopython": True, "boundscheck": None, **wrappers, **options})
+        self.signature = signature
+        self._stamp: str | None = None
+        if signature is not None:
+            self._cache = _Cache(self)
+
+    @property
+    def stamp(self) -> str:
+        """Digest of everything in the sources that the machine code depends on."""
+        if self._stamp is None:
+            self._stamp = _stamp(self)
+        return self._stamp
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether it is loaded, or would be loaded without compiling; true of helpers."""
+        return self.signature is None or bool(self.overloads) or self._cache.stored() is not None
+
+    def ready(self) -> Any:
+        """Load or compile the declared signature, if that has not happened yet. Returns what Python calls."""
+        with global_compiler_lock:
+            if not self.overloads:
+                self.compile(self.signature)
+                self.disable_compile()
+        return next(iter(self.overloads.values())).entry_point
+
+    def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
+        """numba's hook for argument types that are new. Raises TypeError for what the signature does not take."""
+        if self.signature is None:
+            raise TypeError(f"{self.__name__} is a helper of kernels; from Python call {self.__name__}.py_func")
+        entry_point = self.ready()
+        if not self._search_new_conversions(*args):
+            self._explain_matching_error(*args)
+        return entry_point
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """numba's hook for a call from another kernel, which is being compiled."""
+        if self.signature is not None:
+            self.ready()
+        return super().get_call_template(args, kws)
+
+
+class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
+    """Where a kernel's machine code comes from and goes to: the interface of numba's caches."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
+
+    @property
+    def cache_path(self) -> str:
+        return str(kernel_cache.places()[0])
+
+    def stored(self) -> Any:
+        """The pickled parts of the compiled kernel, or None."""
+        return kernel_cache.load(*self._names())
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        parts = self.stored()
+        if parts is None:
+            return None
+        rtsys.initialize(target_context)  # what `target_context.refresh()` would do at the end of everything else
+        return CompileResult._rebuild(target_context, *parts)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        if not data.library.has_dynamic_globals:
+            kernel_cache.save(*self._names(), dumps(data._reduce()))
+
+    def _names(self) -> tuple[str, str, str]:
+        kernel = self._kernel
+        python = sys.implementation.cache_tag
+        machine = _digest(repr((python, kernel.targetctx.codegen().magic_tuple())), 4)
+        options = sorted(kernel.targetoptions.items())
+        whole = repr((kernel.stamp, str(kernel.signature), options, machine, numba.__version__, np.__version__))
+        name = f"{kernel.__module__.partition('.')[2]}.{kernel.__name__}"
+        return name, machine, _digest(whole, 12)
+
+
+def njit(signature: Any = None, *, cache: bool = False, **options: Any) -> Any:
+    """`@njit` or `@njit(signature, cache=True, nogil=True)`, as in numba, for functions of this package."""
+    if callable(signature) and not isinstance(signature, types.Type):
+        return njit()(signature)
+
+    def decorate(py_func: Callable[..., Any]) -> Any:
+        return py_func if config.DISABLE_JIT else Kernel(py_func, signature, options)
+
+    return decorate
+
+
+def kernels_of(*modules: str) -> list[Kernel]:
+    """The kernels (not helpers) that stand in these modules, which are imported."""
+    found = [
+        value
+        for module in modules
+        for value in vars(importlib.import_module(module)).values()
+        if isinstance(value, Kernel) and value.signature is not None and value.__module__ == module
+    ]
+    return found
+
+
+def ready(*modules: str) -> None:
+    """Load all kernels of these modules, compiling what was not compiled before: no later call will."""
+    for kernel in kernels_of(*modules):
+        kernel.ready()
+
+
+@contextmanager
+def compiling_told(tell: Callable[[str], None]) -> Iterator[None]:
+    """Within the block, `tell` is called with the name of each kernel that is about to be compiled."""
+
+    class Listener(event.Listener):  # type: ignore[misc]  # numba has no types
+        def on_start(self, happened: Any) -> None:
+            kernel = happened.data.get("dispatcher")
+            if isinstance(kernel, Kernel):
+                tell(kernel.__name__)
+
+        def on_end(self, happened: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
+
+
+def _digest(text: str, size: int) -> str:
+    return hashlib.blake2b(text.encode(), digest_size=size).hexdigest()
+
+
+def _stamp(kernel: Kernel) -> str:
+    """See the module. Raises TypeError for a global whose value a digest cannot stand for."""
+    kernel._stamp = "itself"  # a kernel that calls itself
+    try:
+        return _digest(repr(list(_parts(kernel.py_func))), 16)
+    finally:
+        kernel._stamp = None
+
+
+def _parts(function: Callable[..., Any]) -> Iterator[Any]:
+    code: CodeType = function.__code__  # type: ignore[attr-defined]
+    yield function.__defaults__  # type: ignore[attr-defined]
+    for cell in function.__closure__ or ():  # type: ignore[attr-defined]
+        yield _value(function, "a closure", cell.cell_contents)
+    names: set[str] = set()
+    for part in _codes(code):
+        names.update(part.co_names)
+        constants = [c for c in part.co_consts if not isinstance(c, CodeType)]
+        yield part.co_code, constants, part.co_names, part.co_varnames
+    known: dict[str, Any] = function.__globals__  # type: ignore[attr-defined]
+    for name in sorted(names & known.keys()):
+        yield name, _value(function, name, known[name])
+
+
+def _codes(code: CodeType) -> Iterable[CodeType]:
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
+
+
+def _value(function: Callable[..., Any], name: str, value: Any) -> Any:
+    """Something whose repr is the same exactly if the value is."""
+    if isinstance(value, Kernel):
+        return value.stamp
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, tuple):
+        return [_value(function, name, part) for part in value]
+    if isinstance(value, ModuleType):
+        if value.__name__.partition(".")[0] != PACKAGE:
+            return value.__name__
+        raise TypeError(f"{function.__qualname__} uses the module {value.__name__}: kernels import names from it")
+    if isinstance(value, (np.generic, bool, int, float, complex, str, bytes, types.Type, type(None))):
+        return type(value).__name__, repr(value)
+    if callable(value):
+        return getattr(value, "__module__", ""), getattr(value, "__qualname__", type(value).__name__)
+    raise TypeError(f"{function.__qualname__} uses {name}, a {type(value).__name__}: kernels take plain constants")
