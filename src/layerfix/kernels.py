@@ -53,17 +53,32 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]  # numba has no types
         return self._stamp
 
     @property
-    def is_kept(self) -> bool:
-        """Whether it is loaded, or would be loaded without compiling; true of helpers."""
-        return self.signature is None or bool(self.overloads) or self._cache.stored() is not None
+    def calls(self) -> list[Kernel]:
+        """The kernels with signatures that this one calls, itself or through helpers."""
+        found: list[Kernel] = []
+        for _, value in _globals(self.py_func):
+            if isinstance(value, Kernel) and value is not self:
+                found += [value] if value.signature is not None else value.calls
+        return found
 
     def ready(self) -> Any:
         """Load or compile the declared signature, if that has not happened yet. Returns what Python calls."""
         with global_compiler_lock:
             if not self.overloads:
+                for kernel in self.calls:
+                    kernel.ready()
                 self.compile(self.signature)
                 self.disable_compile()
-        return next(iter(self.overloads.values())).entry_point
+                # Other kernels call this one as it is, where numba would compile it into each of them once more.
+                compiled = self.compiled
+                self.targetctx.remove_user_function(compiled.entry_point)
+                self.targetctx.insert_user_function(compiled.entry_point, compiled.fndesc, [])
+        return self.compiled.entry_point
+
+    @property
+    def compiled(self) -> Any:
+        """numba's CompileResult of the declared signature, once it is ready."""
+        return next(iter(self.overloads.values()))
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
         """numba's hook for argument types that are new. Raises TypeError for what the signature does not take."""
@@ -111,7 +126,9 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
         python = sys.implementation.cache_tag
         machine = _digest(repr((python, kernel.targetctx.codegen().magic_tuple())), 4)
         options = sorted(kernel.targetoptions.items())
-        whole = repr((kernel.stamp, str(kernel.signature), options, machine, numba.__version__, np.__version__))
+        symbols = [called.compiled.fndesc.mangled_name for called in kernel.calls]
+        versions = numba.__version__, np.__version__
+        whole = repr((kernel.stamp, str(kernel.signature), options, symbols, machine, versions))
         name = f"{kernel.__module__.partition('.')[2]}.{kernel.__name__}"
         return name, machine, _digest(whole, 12)
 
@@ -175,18 +192,23 @@ def _stamp(kernel: Kernel) -> str:
 
 
 def _parts(function: Callable[..., Any]) -> Iterator[Any]:
-    code: CodeType = function.__code__  # type: ignore[attr-defined]
+    """All that a function's machine code depends on."""
     yield function.__defaults__  # type: ignore[attr-defined]
-    for cell in function.__closure__ or ():  # type: ignore[attr-defined]
-        yield _value(function, "a closure", cell.cell_contents)
-    names: set[str] = set()
-    for part in _codes(code):
-        names.update(part.co_names)
+    for part in _codes(function.__code__):  # type: ignore[attr-defined]
         constants = [c for c in part.co_consts if not isinstance(c, CodeType)]
         yield part.co_code, constants, part.co_names, part.co_varnames
+    for name, value in _globals(function):
+        yield name, _value(function, name, value)
+
+
+def _globals(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
+    """What stands in the module, or in the function around, under the names that a function uses."""
+    names = {name for part in _codes(function.__code__) for name in part.co_names}  # type: ignore[attr-defined]
     known: dict[str, Any] = function.__globals__  # type: ignore[attr-defined]
-    for name in sorted(names & known.keys()):
-        yield name, _value(function, name, known[name])
+    yield from ((name, known[name]) for name in sorted(names & known.keys()))
+    cells = function.__closure__ or ()  # type: ignore[attr-defined]
+    free = function.__code__.co_freevars  # type: ignore[attr-defined]
+    yield from ((name, cell.cell_contents) for name, cell in zip(free, cells, strict=True))
 
 
 def _codes(code: CodeType) -> Iterable[CodeType]:
