@@ -16,7 +16,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import CodeType, ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import numba
 import numpy as np
@@ -33,36 +33,64 @@ from layerfix import kernel_cache
 PACKAGE = __name__.partition(".")[0]
 
 
-class Kernel(CPUDispatcher):  # type: ignore[misc]  # numba has no types
-    """A compiled function: one declared signature, or none for a helper of other kernels."""
+class Helper(CPUDispatcher):  # type: ignore[misc]  # numba has no types
+    """A function that is compiled into the kernels that call it, for whatever types they call it with."""
 
-    def __init__(self, py_func: Callable[..., Any], signature: Any, options: dict[str, Any]) -> None:
-        # What Python and C call a function through is compiled, too, and takes a sixth of the time.
-        wrappers = {"no_cfunc_wrapper": True, "no_cpython_wrapper": signature is None}
-        super().__init__(py_func, {}, {"nopython": True, "boundscheck": None, **wrappers, **options})
-        self.signature = signature
+    # What Python and C call a function through is compiled, too, and takes a sixth of the time.
+    wrappers: ClassVar = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+
+    def __init__(self, py_func: Callable[..., Any], options: dict[str, Any]) -> None:
+        super().__init__(py_func, {}, {"nopython": True, "boundscheck": None, **self.wrappers, **options})
         self._stamp: str | None = None
-        if signature is not None:
-            self._cache = _Cache(self)
+        self._for_python: Any = None
+
+    def __call__(self, *args: Any) -> Any:
+        """A call from Python, as tests make it."""
+        if self._for_python is None:
+            self._for_python = numba.njit(self.py_func)
+        return self._for_python(*args)
+
+    @property
+    def name(self) -> str:
+        """With its module, without the package."""
+        return f"{self.py_func.__module__.partition('.')[2]}.{self.py_func.__name__}"
 
     @property
     def stamp(self) -> str:
         """Digest of everything in the sources that the machine code depends on."""
         if self._stamp is None:
-            self._stamp = _stamp(self)
+            self._stamp = "itself"  # as one that calls itself sees it
+            self._stamp = _digest(repr(list(_parts(self.py_func))), 16)
         return self._stamp
 
     @property
     def calls(self) -> list[Kernel]:
-        """The kernels with signatures that this one calls, itself or through helpers."""
+        """The kernels that this one calls, itself or through helpers."""
         found: list[Kernel] = []
         for _, value in _globals(self.py_func):
-            if isinstance(value, Kernel) and value is not self:
-                found += [value] if value.signature is not None else value.calls
+            if isinstance(value, Helper) and value is not self:
+                found += [value] if isinstance(value, Kernel) else value.calls
         return found
 
+
+class Kernel(Helper):
+    """A function with one declared signature, loaded or compiled when it is first called."""
+
+    wrappers: ClassVar = {"no_cfunc_wrapper": True}
+    __call__ = CPUDispatcher.__call__
+
+    def __init__(self, py_func: Callable[..., Any], signature: Any, options: dict[str, Any]) -> None:
+        super().__init__(py_func, options)
+        self.signature = signature
+        self._cache = _Cache(self)
+
+    @property
+    def compiled(self) -> Any:
+        """numba's CompileResult of the signature, once it is ready."""
+        return next(iter(self.overloads.values()))
+
     def ready(self) -> Any:
-        """Load or compile the declared signature, if that has not happened yet. Returns what Python calls."""
+        """Load or compile, if that has not happened yet. Returns what Python calls."""
         with global_compiler_lock:
             if not self.overloads:
                 for kernel in self.calls:
@@ -75,15 +103,8 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]  # numba has no types
                 self.targetctx.insert_user_function(compiled.entry_point, compiled.fndesc, [])
         return self.compiled.entry_point
 
-    @property
-    def compiled(self) -> Any:
-        """numba's CompileResult of the declared signature, once it is ready."""
-        return next(iter(self.overloads.values()))
-
     def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
         """numba's hook for argument types that are new. Raises TypeError for what the signature does not take."""
-        if self.signature is None:
-            raise TypeError(f"{self.__name__} is a helper of kernels; from Python call {self.__name__}.py_func")
         entry_point = self.ready()
         if not self._search_new_conversions(*args):
             self._explain_matching_error(*args)
@@ -91,8 +112,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]  # numba has no types
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """numba's hook for a call from another kernel, which is being compiled."""
-        if self.signature is not None:
-            self.ready()
+        self.ready()
         return super().get_call_template(args, kws)
 
 
@@ -129,8 +149,7 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
         symbols = [called.compiled.fndesc.mangled_name for called in kernel.calls]
         versions = numba.__version__, np.__version__
         whole = repr((kernel.stamp, str(kernel.signature), options, symbols, machine, versions))
-        name = f"{kernel.__module__.partition('.')[2]}.{kernel.__name__}"
-        return name, machine, _digest(whole, 12)
+        return kernel.name, machine, _digest(whole, 12)
 
 
 def njit(signature: Any = None, *, cache: bool = False, **options: Any) -> Any:
@@ -139,7 +158,9 @@ def njit(signature: Any = None, *, cache: bool = False, **options: Any) -> Any:
         return njit()(signature)
 
     def decorate(py_func: Callable[..., Any]) -> Any:
-        return py_func if config.DISABLE_JIT else Kernel(py_func, signature, options)
+        if config.DISABLE_JIT:
+            return py_func
+        return Helper(py_func, options) if signature is None else Kernel(py_func, signature, options)
 
     return decorate
 
@@ -150,7 +171,7 @@ def kernels_of(*modules: str) -> list[Kernel]:
         value
         for module in modules
         for value in vars(importlib.import_module(module)).values()
-        if isinstance(value, Kernel) and value.signature is not None and value.__module__ == module
+        if isinstance(value, Kernel) and value.py_func.__module__ == module
     ]
     return found
 
@@ -169,7 +190,7 @@ def compiling_told(tell: Callable[[str], None]) -> Iterator[None]:
         def on_start(self, happened: Any) -> None:
             kernel = happened.data.get("dispatcher")
             if isinstance(kernel, Kernel):
-                tell(kernel.__name__)
+                tell(kernel.name)
 
         def on_end(self, happened: Any) -> None:
             pass
@@ -182,19 +203,10 @@ def _digest(text: str, size: int) -> str:
     return hashlib.blake2b(text.encode(), digest_size=size).hexdigest()
 
 
-def _stamp(kernel: Kernel) -> str:
-    """See the module. Raises TypeError for a global whose value a digest cannot stand for."""
-    kernel._stamp = "itself"  # a kernel that calls itself
-    try:
-        return _digest(repr(list(_parts(kernel.py_func))), 16)
-    finally:
-        kernel._stamp = None
-
-
 def _parts(function: Callable[..., Any]) -> Iterator[Any]:
     """All that a function's machine code depends on."""
-    yield function.__defaults__  # type: ignore[attr-defined]
-    for part in _codes(function.__code__):  # type: ignore[attr-defined]
+    yield function.__defaults__
+    for part in _codes(function.__code__):
         constants = [c for c in part.co_consts if not isinstance(c, CodeType)]
         yield part.co_code, constants, part.co_names, part.co_varnames
     for name, value in _globals(function):
@@ -203,11 +215,11 @@ def _parts(function: Callable[..., Any]) -> Iterator[Any]:
 
 def _globals(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
     """What stands in the module, or in the function around, under the names that a function uses."""
-    names = {name for part in _codes(function.__code__) for name in part.co_names}  # type: ignore[attr-defined]
-    known: dict[str, Any] = function.__globals__  # type: ignore[attr-defined]
+    names = {name for part in _codes(function.__code__) for name in part.co_names}
+    known: dict[str, Any] = function.__globals__
     yield from ((name, known[name]) for name in sorted(names & known.keys()))
-    cells = function.__closure__ or ()  # type: ignore[attr-defined]
-    free = function.__code__.co_freevars  # type: ignore[attr-defined]
+    cells = function.__closure__ or ()
+    free = function.__code__.co_freevars
     yield from ((name, cell.cell_contents) for name, cell in zip(free, cells, strict=True))
 
 
@@ -220,7 +232,7 @@ def _codes(code: CodeType) -> Iterable[CodeType]:
 
 def _value(function: Callable[..., Any], name: str, value: Any) -> Any:
     """Something whose repr is the same exactly if the value is."""
-    if isinstance(value, Kernel):
+    if isinstance(value, Helper):
         return value.stamp
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
