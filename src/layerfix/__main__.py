@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from types import FrameType
+from typing import TextIO
 
 # Signals that came. Some libraries swallow whatever their imports raise, so the commands look here too.
 _stopped: list[int] = []
@@ -24,6 +25,7 @@ def main() -> None:
     """Run the command line. Exit codes: 0 done, 2 an error that was explained, 130 Ctrl-C, 143 SIGTERM."""
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, _stop)
+    say_warnings()
     try:
         code = _run()
     except BaseException:
@@ -35,6 +37,28 @@ def main() -> None:
             sys.stderr.write("layerfix: stopped\n")
         code = 128 + _stopped[0]
     sys.exit(code)
+
+
+def say_warnings() -> None:
+    """From here on, what layerfix warns of is one line, as its errors are; other warnings look as they did."""
+    import warnings
+
+    before = warnings.showwarning
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if category.__module__.partition(".")[0] == "layerfix":
+            sys.stderr.write(f"layerfix: {message}\n")
+        else:
+            before(message, category, filename, lineno, file, line)
+
+    warnings.showwarning = show
 
 
 def _run() -> int:

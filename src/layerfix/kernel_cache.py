@@ -15,6 +15,7 @@ import secrets
 import sys
 import warnings
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -89,13 +90,18 @@ def save(name: str, machine: str, digest: str, value: bytes) -> Path | None:
                 if old != target:
                     old.unlink()
         return target
+    _warn()
+    return None
+
+
+@cache
+def _warn() -> None:
     warnings.warn(
         "compiled kernels cannot be kept, as no folder for them can be written to; every run compiles them anew"
         " (NUMBA_CACHE_DIR names a folder)",
         KernelsNotKept,
         stacklevel=2,
     )
-    return None
 
 
 def _file_name(name: str, machine: str, digest: str) -> str:
