@@ -7,6 +7,7 @@ import io
 import itertools
 import struct
 import zlib
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from PIL import Image
 
 from layerfix.bits import pack, unpack
 from layerfix.errors import InputError
+from layerfix.formats.png import decode
 from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.encode import encode_png
 
@@ -192,9 +194,10 @@ def filtered(lines: np.ndarray, kinds: list[int], bpp: int = 1) -> bytes:
 
 
 def built(size: tuple[int, int], depth: int, colour: int, raw: bytes, *, pieces: int = 1, extra: bytes = b"",
-          interlace: int = 0) -> bytes:  # fmt: skip
-    """A PNG file of filtered bytes, its data in one or several chunks."""
+          interlace: int = 0, adler: int = 0) -> bytes:  # fmt: skip
+    """A PNG file of filtered bytes, its data in one or several chunks. adler: what its checksum is wrong by."""
     stream = zlib.compress(raw)
+    stream = stream[:-4] + struct.pack(">I", (int.from_bytes(stream[-4:], "big") + adler) & 0xFFFFFFFF)
     cuts = np.linspace(0, len(stream), pieces + 1).astype(int)
     data = [stream[a:b] for a, b in itertools.pairwise(cuts)]
     parts = [(b"IHDR", struct.pack(">IIBBBBB", *size, depth, colour, 0, 0, interlace))]
@@ -347,6 +350,58 @@ def test_data_in_several_chunks(pieces):
     """The stream may be cut anywhere."""
     grey = np.where(np.random.default_rng(2).random((40, 99)) < 0.5, 255, 0).astype(np.uint8)
     check_read(built((99, 40), 8, 0, filtered(grey, [2] * 40), pieces=pieces), grey)
+
+
+@contextlib.contextmanager
+def inflated_by(packed: int, piece: int) -> Iterator[None]:
+    """Within the block, so many bytes go in at once, and at most so many come out."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(decode, "INFLATE_FROM", packed)
+        patch.setattr(decode, "INFLATE_TO", piece)
+        yield
+
+
+@given(st.integers(1, 150), st.integers(1, 20), st.integers(0, 2**32 - 1), st.sampled_from(sorted(FILTERS)),
+       st.integers(1, 40), st.integers(1, 500), st.sampled_from([1, 8]), st.sampled_from([1, 128, 255]))  # fmt: skip
+@settings(max_examples=300)
+def test_pieces_of_any_size_give_the_same_layer(width, height, seed, filters, packed, piece, depth, threshold):
+    """Pieces that end within a row, or hold several; greys that begin, and end, in the middle of the image."""
+    rng = np.random.default_rng(seed)
+    solid = np.logical_xor.accumulate(rng.random((height, width)) < rng.choice([0.02, 0.3]), axis=1)
+    grey = np.where(solid, np.uint8(255), np.uint8(0))
+    kinds = kinds_for(filters, height, seed)
+    if depth == 8 and rng.random() < 0.5:
+        first, stop = sorted(rng.integers(0, height + 1, 2).tolist())
+        grey[first:stop] = rng.integers(0, 256, (stop - first, width))
+    lines = grey if depth == 8 else np.packbits(solid, axis=1)
+    with inflated_by(packed, piece):
+        check_read(built((width, height), depth, 0, filtered(lines, kinds)), grey, threshold)
+
+
+@pytest.mark.parametrize("depth", [1, 8])
+@pytest.mark.parametrize("piece", [1, 8, 9, 10, 17, 18, 19, 1000])
+def test_guards_hold_for_pieces_of_any_size(piece, depth):
+    """Two rows of eight bytes are 18: one more, one less, a wrong checksum at the end, and nothing at all."""
+    size = (8, 2) if depth == 8 else (64, 2)
+    with inflated_by(3, piece):
+        for count, word in ((17, "too little data"), (19, "too much data"), (0, "too little data"), (99, "too much")):
+            with pytest.raises(InputError, match=f"here: not a readable PNG image .{word}"):
+                decode_png(built(size, depth, 0, bytes(count)), "here", size)
+        with pytest.raises(InputError, match="here: not a readable PNG image"):
+            decode_png(built(size, depth, 0, bytes(18), adler=1), "here", size)
+        assert not decode_png(built(size, depth, 0, bytes(18)), "here", size).rows.any()
+
+
+def test_no_more_is_inflated_than_the_image_holds():
+    """A stream that would swell to 100 MB is left where the image is full."""
+    import tracemalloc
+
+    data = built((8, 2), 8, 0, bytes(100_000_000))
+    tracemalloc.start()
+    with pytest.raises(InputError, match="too much data"):
+        decode_png(data, "here", (8, 2))
+    assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize("depth", [1, 8])

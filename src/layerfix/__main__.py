@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from types import FrameType
+from typing import TextIO
 
 from layerfix.console import one_line, speak_plainly
 
@@ -27,6 +28,7 @@ def main() -> None:
     speak_plainly()
     for signum in _signals():
         signal.signal(signum, _stop)
+    say_warnings()
     try:
         code = _run()
     except BaseException:
@@ -47,6 +49,28 @@ def _signals() -> list[signal.Signals]:
     if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:
         found.append(hangup)
     return found
+
+
+def say_warnings() -> None:
+    """From here on, what layerfix warns of is one line, as its errors are; other warnings look as they did."""
+    import warnings
+
+    before = warnings.showwarning
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if category.__module__.partition(".")[0] == "layerfix":
+            sys.stderr.write(f"layerfix: {one_line(str(message))}\n")
+        else:
+            before(message, category, filename, lineno, file, line)
+
+    warnings.showwarning = show
 
 
 def _run() -> int:

@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.errors import InputError
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -77,16 +78,19 @@ def lowest_bit(x):  # type: ignore[no-untyped-def]
     return popcount((x & (U0 - x)) - U1)
 
 
-@njit(WORK(ROWS, types.int64), cache=True, nogil=True)
-def _mirror_columns(rows, width):  # type: ignore[no-untyped-def]
-    height, words = rows.shape
-    out = np.zeros((height, words), np.uint64)
-    shift = np.uint64(64 * words - width)
-    for y in range(height):
-        for w in range(words):
-            x = rows[y, w]
-            if x == U0:
-                continue
+@njit
+def _put_mirrored(words, across, shift, line):  # type: ignore[no-untyped-def]
+    """line[:] = words, mirrored along the columns if `across`; shift: bits past the width."""
+    count = line.shape[0]
+    if not across:
+        for w in range(count):
+            line[w] = words[w]
+        return
+    up = (np.uint64(64) - shift) & U63
+    before = U0  # the reversed word to the right of this one in `words`
+    for w in range(count):
+        x = words[w]
+        if x != U0:
             for half, mask in (
                 (np.uint64(1), np.uint64(0x5555555555555555)),
                 (np.uint64(2), np.uint64(0x3333333333333333)),
@@ -96,16 +100,32 @@ def _mirror_columns(rows, width):  # type: ignore[no-untyped-def]
                 (np.uint64(32), np.uint64(0x00000000FFFFFFFF)),
             ):
                 x = ((x >> half) & mask) | ((x & mask) << half)
-            # Reversed, the row's pixels end at the last bit; move them down to bit 0.
-            at = words - 1 - w
-            out[y, at] |= x >> shift
-            if shift != U0 and at > 0:
-                out[y, at - 1] |= x << (np.uint64(64) - shift)
+        # Reversed, the row's pixels end at the last bit; they are moved down to bit 0.
+        line[count - 1 - w] = (x >> shift) | ((before << up) if shift else U0)
+        before = x
+
+
+@njit(types.void(ROWS, types.int64, types.boolean, types.boolean, WORK), cache=True, nogil=True)
+def _mirror(rows, width, across, down, out):  # type: ignore[no-untyped-def]
+    """out = rows, mirrored along its columns if `across`, along its rows if `down`; both may be one array."""
+    height, words = rows.shape
+    shift = np.uint64(64 * words - width)
+    upper, lower = np.empty(words, np.uint64), np.empty(words, np.uint64)
+    for y in range((height + 1) // 2):
+        z = height - 1 - y
+        for w in range(words):
+            upper[w], lower[w] = rows[y, w], rows[z, w]
+        _put_mirrored(upper, across, shift, out[z if down else y])
+        _put_mirrored(lower, across, shift, out[y if down else z])
+
+
+def mirrored(rows: Rows, width: int, axes: str, out: Rows | None = None) -> Rows:
+    """(H, words): the layer mirrored along its columns ("x"), its rows ("y"), both or neither ("").
+
+    out  takes the result, and may be `rows` itself; a new array if not given (or `rows`, if there is no axis)
+    """
+    if not axes:
+        return rows
+    out = np.empty_like(rows) if out is None else out
+    _mirror(rows, width, "x" in axes, "y" in axes, out)
     return out
-
-
-def mirrored(rows: Rows, width: int, axes: str) -> Rows:
-    """(H, words): the layer mirrored along its columns ("x"), its rows ("y"), both or neither ("")."""
-    if "x" in axes:
-        rows = _mirror_columns(rows, width)
-    return np.ascontiguousarray(rows[::-1]) if "y" in axes else rows

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.fdm.beads import Path
 from layerfix.fdm.fields import FIELD, MUTABLE_FIELD, POINTS, STARTS
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1
 from layerfix.fdm.beads import Hanging
+from layerfix.kernels import njit
 from layerfix.layers.components import smaller_than
 from layerfix.layers.flood import flood
 from layerfix.layers.morphology import dilate, erode, opened

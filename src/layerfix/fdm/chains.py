@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.fdm.fields import FIELD, INDEX_LIST, POINTS, STARTS
+from layerfix.kernels import njit
 
 MASK = types.Array(types.uint8, 2, "C")
 MOST_TURN = 1.1  # radians: in round spots, whose ridge is flat, the way would go round and round

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.fdm.chains import MASK
 from layerfix.fdm.fields import POINTS
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, popcount
 from layerfix.fdm.fields import LEAST_MM, MUTABLE_FIELD
+from layerfix.kernels import njit
 
 FAR = np.float32(1e9)
 

@@ -7,9 +7,10 @@ centre at (i, j), and y points down. The kernels check nothing.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, lowest_bit, popcount
+from layerfix.kernels import njit
 
 FIELD = types.Array(types.float32, 2, "C", readonly=True)
 MUTABLE_FIELD = types.Array(types.float32, 2, "C")

@@ -7,9 +7,10 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.fdm.fields import FIELD, POINTS
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

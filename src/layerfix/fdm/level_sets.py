@@ -7,10 +7,11 @@ field are low.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, U63, lowest_bit, popcount
 from layerfix.fdm.fields import FIELD, NO_LEVEL, POINTS, STARTS
+from layerfix.kernels import njit
 
 # Marching squares. A cell's corners are bits: 1 north-west, 2 north-east, 4 south-east, 8 south-west. By which side
 # the level set comes in and by which it goes out, with what is higher on its left; sides: 0 north, 1 west, 2 south,

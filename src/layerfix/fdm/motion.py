@@ -20,7 +20,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.fdm.beads import Path
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

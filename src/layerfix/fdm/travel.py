@@ -14,9 +14,10 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

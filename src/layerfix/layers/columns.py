@@ -11,10 +11,17 @@ word and one row, so that no neighbour needs a test. Rows come in blocks of BLOC
 
 from __future__ import annotations
 
+from threading import local
+from typing import TYPE_CHECKING
+
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, WORK
+from layerfix.kernels import njit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 BLOCK = 8  # rows; the unit in which kernels note what changed or is empty
 BOX = types.UniTuple(types.int64, 4)
@@ -58,17 +65,51 @@ def with_border(box, reach_x, reach_y):  # type: ignore[no-untyped-def]
     return y0 - rows, y0 - rows + whole, w0 - words, w1 + words
 
 
+class Room:
+    """Working memory that each thread keeps from one layer to the next: 20 MB of fresh memory for a 12K layer cost
+    9 ms, half as much as its correction."""
+
+    def __init__(self) -> None:
+        self._local = local()
+
+    def __reduce__(self) -> tuple[type[Room], tuple[()]]:
+        """A pickled one is empty."""
+        return Room, ()
+
+    def columns(self, outer: tuple[int, int, int, int], count: int) -> list[NDArray[np.uint64]]:
+        """So many arrays for columns of a box, with anything in them; they are good until the next call."""
+        y0, y1, w0, w1 = outer
+        words, height = w1 - w0, y1 - y0
+        needed = count * words * height
+        kept: NDArray[np.uint64] = getattr(self._local, "kept", np.empty(0, np.uint64))
+        if len(kept) < needed:
+            self._local.kept = kept = np.empty(needed + needed // 4, np.uint64)
+        return list(kept[:needed].reshape(count, words, height))
+
+
 @njit(WORK(ROWS, BOX), cache=True, nogil=True)
 def to_columns(rows, outer):  # type: ignore[no-untyped-def]
     """What lies in `outer` as columns; empty where that is outside the frame."""
     y0, y1, w0, w1 = outer
-    out = np.zeros((w1 - w0, y1 - y0), np.uint64)
+    out = np.empty((w1 - w0, y1 - y0), np.uint64)
+    fill_columns(rows, outer, out)
+    return out
+
+
+@njit(types.void(ROWS, BOX, WORK), cache=True, nogil=True)
+def fill_columns(rows, outer, out):  # type: ignore[no-untyped-def]
+    """The same into an array that is there, written everywhere."""
+    y0, y1, w0, w1 = outer
     first, stop = max(w0, 0), min(w1, rows.shape[1])
+    for w in range(w0, w1):
+        inside = first <= w < stop
+        for y in range(y0, y1):
+            if not (inside and 0 <= y < rows.shape[0]):
+                out[w - w0, y - y0] = U0
     for group in range(first, stop, 8):  # eight words are a cache line
         for y in range(max(y0, 0), min(y1, rows.shape[0])):
             for w in range(group, min(group + 8, stop)):
                 out[w - w0, y - y0] = rows[y, w]
-    return out
 
 
 @njit(types.void(WORK, BOX, types.int64, WORK), cache=True, nogil=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, U63, WORK, lowest_bit, popcount
+from layerfix.kernels import njit
 from layerfix.layers.columns import bounding_box, to_columns, with_border
 
 if TYPE_CHECKING:

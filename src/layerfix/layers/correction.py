@@ -7,16 +7,17 @@ nothing that was there is taken away.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, WORK, pack, popcount, unpack
 from layerfix.errors import InputError
-from layerfix.layers.columns import to_columns, to_rows
-from layerfix.layers.morphology import HALF_WIDTHS, dilate_columns, disc_half_widths, erode_columns, working_box
+from layerfix.kernels import njit
+from layerfix.layers.columns import Room, fill_columns, to_rows
+from layerfix.layers.morphology import dilate_columns, disc_half_widths, erode_columns, working_box
 from layerfix.layers.skeleton import Radius, Spurs, check_spurs, radii_px, thin_anchored
 from layerfix.layers.thickness import narrowest
 from layerfix.stack import Change
@@ -47,35 +48,24 @@ def _count_changes(before, after):  # type: ignore[no-untyped-def]
     return solid, added, removed
 
 
-@njit(
-    types.Tuple((WORK, types.UniTuple(types.int64, 3), types.float64))(
-        ROWS, types.int64, HALF_WIDTHS, types.float64, types.boolean, types.boolean, types.float64, types.float64
-    ),
-    cache=True,
-    nogil=True,
-)
-def _correct(rows, width, half_widths, spur_rounds, add_only, measure, px_mm, py_mm):  # type: ignore[no-untyped-def]
-    """(corrected rows, pixels before, added and removed, narrowest width in mm or inf)."""
-    out = np.zeros(rows.shape, np.uint64)
+def _corrected(
+    rows: Rows, width: int, half_widths: NDArray[np.int64], spur_rounds: float, add_only: bool, room: Room
+) -> tuple[Rows, NDArray[np.uint64], NDArray[np.uint64], NDArray[np.uint64]] | None:
+    """(corrected rows; S, M̂ and M as columns, in `room`); None for an empty layer."""
     outer = working_box(rows, half_widths)
     if outer[1] == 0:
-        return out, (0, 0, 0), np.inf
-    solid = to_columns(rows, outer)
-    skeleton, anchor, scratch = solid.copy(), np.empty_like(solid), np.empty_like(solid)
+        return None
+    out = np.zeros(rows.shape, np.uint64)
+    solid, skeleton, anchor, printed, scratch = room.columns(outer, 5)
+    fill_columns(rows, outer, solid)
+    np.copyto(skeleton, solid)
     erode_columns(solid, half_widths, anchor, scratch)
     thin_anchored(skeleton, anchor, spur_rounds, scratch)
-    limit_mm = 2 * max(half_widths[0] + 1, half_widths.shape[0]) * max(px_mm, py_mm)
-    thinnest = limit_mm
-    if measure:
-        thinnest = narrowest(solid, skeleton, anchor, limit_mm, px_mm, py_mm)
-    printed = anchor  # done with as the anchor
     dilate_columns(skeleton, half_widths, printed, scratch)
     if add_only:
-        for w in range(solid.shape[0]):
-            for i in range(solid.shape[1]):
-                printed[w, i] |= solid[w, i]
+        np.bitwise_or(printed, solid, out=printed)
     to_rows(printed, outer, width, out)
-    return out, _count_changes(rows, out), thinnest if thinnest < limit_mm else np.inf
+    return out, solid, skeleton, anchor
 
 
 def feature_radius_px(min_feature_mm: float, pixel_mm: tuple[float, float]) -> tuple[float, float]:
@@ -132,13 +122,18 @@ class _Correction:
     radius_px: tuple[float, float]
     add_only: bool
     pixel_mm: tuple[float, float]
+    room: Room = field(default_factory=Room)
 
     def __call__(self, layer: Layer) -> Layer:
-        rows, counts, thinnest = _correct(
-            layer.rows, layer.width, self.half_widths, max(self.radius_px), self.add_only, True, *self.pixel_mm
-        )
-        solid, added, removed = counts
-        change = Change(solid, added, removed, thinnest if np.isfinite(thinnest) else None, self.radius_px)
+        half_widths, pixel_mm = self.half_widths, self.pixel_mm
+        found = _corrected(layer.rows, layer.width, half_widths, max(self.radius_px), self.add_only, self.room)
+        if found is None:
+            return replace(layer, change=Change(0, 0, 0, None, self.radius_px))
+        rows, *columns = found
+        limit_mm = 2 * max(half_widths[0] + 1, len(half_widths)) * max(pixel_mm)
+        thinnest_mm: float = narrowest(*columns, limit_mm, *pixel_mm)
+        solid, added, removed = _count_changes(layer.rows, rows)
+        change = Change(solid, added, removed, thinnest_mm if thinnest_mm < limit_mm else None, self.radius_px)
         return replace(layer, rows=rows, change=change)
 
 
@@ -146,8 +141,8 @@ def correct_rows(rows: Rows, width: int, radius: tuple[float, float], mode: Mode
     """One layer corrected as packed rows: (H, words) → (H, words); radius is (rx, ry) in px."""
     _check_mode(mode)
     half_widths = disc_half_widths(*radius)
-    corrected: Rows = _correct(rows, width, half_widths, max(radius), mode == "add_only", False, 1.0, 1.0)[0]
-    return corrected
+    found = _corrected(rows, width, half_widths, max(radius), mode == "add_only", Room())
+    return np.zeros_like(rows) if found is None else found[0]
 
 
 def correct_image(

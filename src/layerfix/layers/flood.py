@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from layerfix.bits import ROWS, U0, U1, U63, WORK
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from layerfix.bits import Rows

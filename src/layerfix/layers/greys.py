@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, WORK, words_for
+from layerfix.kernels import njit
 from layerfix.layers.flood import flood
 from layerfix.layers.morphology import dilate, erode
 from layerfix.layers.skeleton import meso_skeleton_rows

@@ -15,10 +15,11 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, U63, WORK
 from layerfix.errors import InputError
+from layerfix.kernels import njit
 from layerfix.layers.columns import BLOCK, BOX, bounding_box, to_columns, to_rows, with_border
 
 if TYPE_CHECKING:

@@ -10,10 +10,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import WORK, pack, unpack
 from layerfix.errors import InputError
+from layerfix.kernels import njit
 from layerfix.layers.columns import BLOCK, to_columns, to_rows
 from layerfix.layers.morphology import disc_half_widths, erode_columns, working_box
 from layerfix.layers.thinning import FIRST, SECOND, SPURS, remove_spurs, start_changes, sub_iteration

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ALL, U0, U1, WORK, lowest_bit
+from layerfix.kernels import njit
 
 SIGHT_PX = 31  # how far a look at one word sees to either side
 

@@ -16,9 +16,10 @@ and a block can only behave differently if one of the nine around it did, in som
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import U0, U1, U63, WORK
+from layerfix.kernels import njit
 from layerfix.layers.columns import BLOCK
 
 FIRST, SECOND, SPURS = 0, 1, 2

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, U63, lowest_bit, popcount
 from layerfix.errors import InputError
+from layerfix.kernels import njit
 from layerfix.layers.columns import to_columns
 from layerfix.layers.components import label_runs, same_topology
 from layerfix.layers.correction import feature_radius_px

@@ -10,8 +10,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
+from layerfix.kernels import njit
 from layerfix.mesh.closing import KEYS, TRIANGLES, mix, orient, vertex_keys, vertex_numbers
 
 if TYPE_CHECKING:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from layerfix.kernels import njit
 
 BYTES = types.Array(types.uint8, 1, "C", readonly=True)
 SHAPES = types.Array(types.int64, 2, "C")

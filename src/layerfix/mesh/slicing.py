@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ALL, WORK, words_for
 from layerfix.errors import InputError
+from layerfix.kernels import njit
 from layerfix.mesh.closing import close_gaps, edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
 from layerfix.mesh.triangles import Mesh

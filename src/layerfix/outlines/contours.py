@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.errors import InputError
+from layerfix.kernels import njit
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:

@@ -78,11 +78,11 @@ class Container:
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """What a layer was decoded from, as the panel shows it. `rows` is what was solid in it."""
+    """What a layer was decoded from. `seen` is what was solid in it, from above; `grey` is as the panel shows it."""
 
     index: int
     payload: bytes
-    rows: Rows
+    seen: Rows
     grey: NDArray[np.uint8] | None
 
 
@@ -121,8 +121,8 @@ class Spool:
         self._file.close()
 
 
-def _source(container: Container, index: int) -> _Source:
-    """Read and decode one layer."""
+def _source(container: Container, index: int, width: int) -> _Source:
+    """Read and decode one layer `width` pixels wide."""
     payload = container.payload(index)
     decoded = container.decode(index, payload)
     rows = decoded.rows
@@ -130,17 +130,16 @@ def _source(container: Container, index: int) -> _Source:
         from layerfix.layers.greys import solid_rows
 
         rows = solid_rows(decoded.grey, container.threshold, container.grey_floor)
-    return _Source(index, payload, rows, decoded.grey)
+    return _Source(index, payload, mirrored(rows, width, container.mirror, out=rows), decoded.grey)
 
 
 def container_stack(container: Container, frame: Frame, repeats: NDArray[np.bool_] | None = None) -> LayerStack:
     """The layers of a job, decoded when asked for. Raises InputError naming the file for an impossible frame."""
 
     def make(index: int) -> Layer:
-        source = _source(container, index)
+        source = _source(container, index, frame.width)
         bottom, top = frame.z_mm[index].tolist()
-        seen = mirrored(source.rows, frame.width, container.mirror)
-        return Layer(seen, frame.width, (bottom, top), source=source)
+        return Layer(source.seen, frame.width, (bottom, top), source=source)
 
     origin = (0.0, frame.height * frame.pixel_mm[1])
     try:
@@ -157,16 +156,18 @@ def rewrite(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     def encode(layer: Layer) -> bytes | None:
         source: _Source | None = layer.source
         if source is None:  # a layer made by someone else's function: found again by its height
-            source = _source(container, int(np.abs(stack.z_mm[:, 0] - layer.z_mm[0]).argmin()))
-        rows = mirrored(layer.rows, layer.width, container.mirror)  # as the panel shows it
-        if np.array_equal(rows, source.rows):
+            index = int(np.abs(stack.z_mm[:, 0] - layer.z_mm[0]).argmin())
+            source = _source(container, index, layer.width)
+        if np.array_equal(layer.rows, source.seen):
             return None
+        rows = mirrored(layer.rows, layer.width, container.mirror)  # as the panel shows it
         if source.grey is None:
             return container.encode(source.index, source.payload, rows, None)
         from layerfix.layers.greys import corrected_greys
 
         radius_px = layer.change.radius_px if layer.change else (0.5, 0.5)
-        grey = corrected_greys(source.grey, source.rows, rows, radius_px, container.threshold)
+        before = mirrored(source.seen, layer.width, container.mirror)
+        grey = corrected_greys(source.grey, before, rows, radius_px, container.threshold)
         return container.encode(source.index, source.payload, rows, grey)
 
     with whole_file(path, force=options.force) as target:

@@ -13,9 +13,10 @@ Three codes (sources: catibo's cbddlp-ctb.adoc, BSD-2; uv3dp, MIT; the GOO speci
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ALL, ROWS, U0, U1, WORK, lowest_bit
+from layerfix.kernels import njit
 
 DATA = types.Array(types.uint8, 1, "C", readonly=True)
 OUT = types.Array(types.uint8, 1, "C")

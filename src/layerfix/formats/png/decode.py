@@ -3,8 +3,11 @@
 Mask printers' layers are 8-bit grey and mostly black and white. Then every filtered byte is 0, 1 or 255: a
 pixel turned on or off against the one to its left (Sub), above (Up) or against black (None). So eight bytes
 at a time are packed to bits, and the filter is undone on 64 pixels at once: an XOR with the row above, or a
-running XOR along the row. Layers with greys, or with other filters, take the general way, a byte at a time;
+running XOR along the row. Rows with greys, or with other filters, take the general way, a byte at a time;
 every other kind of PNG (16-bit, palette, colour, interlaced) is read by Pillow.
+
+The image is inflated in pieces that stay in the processor's cache: 59 MB of a 12K layer take 6 ms so, and 40 ms
+when they are written to fresh memory.
 """
 
 from __future__ import annotations
@@ -23,9 +26,13 @@ from layerfix.errors import InputError
 from layerfix.formats.png.encode import SIGNATURE
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
+
+INFLATE_FROM, INFLATE_TO = 1 << 14, 1 << 18  # bytes of a piece: what goes in at once, and at most comes out
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +49,6 @@ def decode_png(data: bytes, where: str, size_px: tuple[int, int], *, threshold: 
     where, size_px  what errors name, and the (width, height) it must have: nothing larger is ever inflated
     raises          InputError for what is no PNG, is cut short or corrupt, or has another size
     """
-    from layerfix.formats.png import filters as png_filters
-
     kind, stream = _chunks(data, where)
     width, height, depth, colour, _, _, interlace = struct.unpack(">IIBBBBB", kind)
     if (width, height) != size_px:
@@ -53,20 +58,50 @@ def decode_png(data: bytes, where: str, size_px: tuple[int, int], *, threshold: 
         has_greys = bool(((grey != 0) & (grey != 255)).any())
         return Decoded(pack(grey >= threshold), grey if has_greys else None)
     row_bytes = width if depth == 8 else (width + 7) // 8
-    raw = np.frombuffer(_inflate(stream, height * (1 + row_bytes), where), np.uint8)
+    pieces = _whole_rows(_inflated(stream, height * (1 + row_bytes), where), 1 + row_bytes)
+    return rows_8bit(pieces, size_px, threshold, where) if depth == 8 else rows_1bit(pieces, size_px, where)
+
+
+def rows_8bit(pieces: Iterable[NDArray[np.uint8]], size_px: tuple[int, int], threshold: int, where: str) -> Decoded:
+    """Filtered whole rows of an 8-bit image, some at a time, → a layer."""
+    from layerfix.formats.png.filters import spread_rows, unfilter_8bit
+
+    width, height = size_px
     rows = np.zeros((height, words_for(width)), np.uint64)
-    if depth == 1:
-        return Decoded(_rows_1bit(raw, width, rows, where), None)
-    if png_filters.rows_if_binary(raw, width, rows):
-        return Decoded(rows, None)
-    greys = png_filters.rows_8bit(raw, width, threshold, rows)
-    if greys < 0:
+    lines = np.zeros((3, width), np.uint8)
+    no_image = image = np.empty((0, width), np.uint8)
+    y = 0
+    for piece in pieces:
+        count = len(piece) // (1 + width)
+        done = unfilter_8bit(piece, y, width, threshold, rows, lines, image)
+        if 0 <= done < count:  # the first grey: from here on there is a grey image, too
+            image = np.empty((height, width), np.uint8)
+            spread_rows(rows, y + done, image)
+            rest = piece[done * (1 + width) :]
+            done = unfilter_8bit(rest, y + done, width, threshold, rows, lines, image)
+        _check_filter(done, where)
+        y += count
+    return Decoded(rows, None if image is no_image else image)
+
+
+def rows_1bit(pieces: Iterable[NDArray[np.uint8]], size_px: tuple[int, int], where: str) -> Decoded:
+    """Filtered whole rows of a 1-bit image, some at a time, → a layer. Filters act on whole bytes."""
+    from layerfix.formats.png.filters import unfilter_1bit
+
+    width, height = size_px
+    rows = np.zeros((height, words_for(width)), np.uint64)
+    lines = np.zeros((3, (width + 7) // 8), np.uint8)
+    y = 0
+    for piece in pieces:
+        done = unfilter_1bit(piece, y, width, rows, lines)
+        _check_filter(done, where)
+        y += done
+    return Decoded(rows, None)
+
+
+def _check_filter(done: int, where: str) -> None:
+    if done < 0:
         raise InputError(f"{where}: not a readable PNG image (an unknown filter)")
-    if not greys:
-        return Decoded(rows, None)
-    grey = np.empty((height, width), np.uint8)
-    png_filters.grey_8bit(raw, width, grey)
-    return Decoded(rows, grey)
 
 
 def _chunks(data: bytes, where: str) -> tuple[bytes, bytes]:
@@ -94,35 +129,41 @@ def _chunks(data: bytes, where: str) -> tuple[bytes, bytes]:
     raise InputError(f"{where}: not a readable PNG image (it is cut short)")
 
 
-def _inflate(stream: bytes, size: int, where: str) -> bytes:
-    """Inflate a zlib stream that must give exactly `size` bytes; no more are ever made."""
+def _inflated(stream: bytes, size: int, where: str) -> Iterator[bytes]:
+    """Inflate a zlib stream that must give exactly `size` bytes, piece by piece; no more are ever made."""
     from zlib_ng import zlib_ng
 
     broken: Any = zlib_ng.error  # typed as an instance in its stubs
+    inflater, left = zlib_ng.decompressobj(), size + 1
     try:
-        raw: bytes = zlib_ng.decompressobj().decompress(stream, size + 1)
+        for at in range(0, len(stream) + 1, INFLATE_FROM):  # the last one may be empty: what is still held back
+            packed = stream[at : at + INFLATE_FROM]
+            while left and (piece := inflater.decompress(packed, min(INFLATE_TO, left))):
+                left -= len(piece)
+                if left:  # or it is too much, and refused below
+                    yield piece
+                packed = inflater.unconsumed_tail
     except broken as problem:
         raise InputError(f"{where}: not a readable PNG image ({problem})") from problem
-    if len(raw) != size:
-        raise InputError(f"{where}: not a readable PNG image (too {'much' if len(raw) > size else 'little'} data)")
-    return raw
+    if left != 1:
+        raise InputError(f"{where}: not a readable PNG image (too {'much' if left < 1 else 'little'} data)")
 
 
-def _rows_1bit(raw: NDArray[np.uint8], width: int, rows: Rows, where: str) -> Rows:
-    """Filtered bytes of a 1-bit image → packed rows. Filters act on whole bytes."""
-    from layerfix.formats.png.filters import PAETH, grey_8bit
-
-    row_bytes = (width + 7) // 8
-    lines = raw.reshape(len(rows), 1 + row_bytes)
-    if lines[:, 0].any():
-        image = np.empty((len(rows), row_bytes), np.uint8)
-        if lines[:, 0].max() > PAETH:
-            raise InputError(f"{where}: not a readable PNG image (an unknown filter)")
-        grey_8bit(raw, row_bytes, image)
-    else:
-        image = lines[:, 1:]
-    solid = np.unpackbits(image, axis=1, count=width)
-    return pack(solid)
+def _whole_rows(pieces: Iterable[bytes], row_bytes: int) -> Iterator[NDArray[np.uint8]]:
+    """The same bytes as arrays of whole rows; what is left of a row at the end is not given."""
+    held = b""
+    for piece in pieces:
+        at = 0
+        if held:
+            at = row_bytes - len(held)
+            held += piece[:at]
+            if len(held) < row_bytes:
+                continue
+            yield np.frombuffer(held, np.uint8)
+        whole = max(len(piece) - at, 0) // row_bytes * row_bytes
+        if whole:
+            yield np.frombuffer(piece, np.uint8, whole, at)
+        held = piece[at + whole :]
 
 
 def _by_pillow(data: bytes, where: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:

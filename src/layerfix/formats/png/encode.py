@@ -15,10 +15,11 @@ import zlib
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import ROWS, U0, U1, lowest_bit
 from layerfix.errors import InputError
+from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

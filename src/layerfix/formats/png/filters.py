@@ -1,17 +1,19 @@
 """The filters of PNG (ISO/IEC 15948, section 9), undone straight into packed rows.
 
-Kernels of `layerfix.formats.png.decode`, which loads them when the first image is read.
+Kernels of `layerfix.formats.png.decode`, called with some whole rows at a time: the row above is taken from the
+packed rows where it is black and white, and otherwise from a line of bytes that is handed on from call to call.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from layerfix.bits import U0, U1, U63, WORK
+from layerfix.kernels import njit
 
 GREYS = types.Array(types.uint8, 1, "C", readonly=True)
-IMAGE = types.Array(types.uint8, 2, "C")
+IMAGE = LINES = types.Array(types.uint8, 2, "C")
 NONE, SUB, UP, AVERAGE, PAETH = range(5)
 ONES = np.uint64(0x0101010101010101)
 
@@ -92,76 +94,124 @@ def _running_xor(x):  # type: ignore[no-untyped-def]
     return x
 
 
-@njit(types.boolean(GREYS, types.int64, WORK), cache=True, nogil=True)
-def rows_if_binary(raw, width, rows):  # type: ignore[no-untyped-def]
-    """Filtered bytes of an 8-bit image → packed rows, if it is black and white with filters None, Sub, Up.
+@njit
+def _fast_row(raw, kind, above, out):  # type: ignore[no-untyped-def]
+    """Pack one row if it is black and white with filter None, Sub or Up; else False, with `out` half written.
 
-    False, with `rows` half written, if it turns out not to be.
+    above, out  packed rows; `above` holds all that is in the row above
     """
-    octets = np.zeros(rows.shape[1] * 8, np.uint64)  # a row's bytes; past the width they stay 0
-    tail = np.zeros(8, np.uint8)
-    for y in range(rows.shape[0]):
-        start = y * (width + 1)
-        kind = raw[start]
-        if kind > UP:
-            return False
-        whole = width // 8
-        line = raw[start + 1 : start + 1 + whole * 8].view(np.uint64)
-        for i in range(whole):
-            octets[i] = line[i]
-        if width & 7:
-            for i in range(width & 7):
-                tail[i] = raw[start + 1 + whole * 8 + i]
-            octets[whole] = tail.view(np.uint64)[0]
-        carry = U0
-        for w in range(rows.shape[1]):
-            part = octets[w * 8 : w * 8 + 8]
-            before = rows[y - 1, w] if kind == UP and y > 0 else U0
-            any_bits = part[0] | part[1] | part[2] | part[3] | part[4] | part[5] | part[6] | part[7]
-            if any_bits == U0:
-                rows[y, w] = carry if kind == SUB else before
-                continue
-            turned, on = U0, U0
-            for k in range(8):
-                q = part[k]
-                if not _flat_bytes(q):
-                    return False
-                turned |= _octet(q, 0) << np.uint64(8 * k)
-                on |= _octet(q, 7) << np.uint64(8 * k)
-            if kind == SUB:
-                word = _running_xor(turned) ^ carry
-                before = (word << U1) | (carry & U1)
-                carry = U0 - (word >> U63)
-            else:
-                word = before ^ turned
-            if (on & before) | (turned & ~on & ~before) != U0:  # 255 + 255, or 0 + 1: a grey after all
+    width = raw.shape[0]
+    octets = raw[: width // 64 * 64].view(np.uint64)
+    rest = np.zeros(64, np.uint8)
+    for i in range(width & 63):
+        rest[i] = raw[(width & ~63) + i]
+    last = rest.view(np.uint64)
+    carry = U0
+    for w in range(out.shape[0]):
+        part = octets[8 * w : 8 * w + 8] if w < width // 64 else last
+        before = above[w] if kind == UP else U0
+        any_bits = part[0] | part[1] | part[2] | part[3] | part[4] | part[5] | part[6] | part[7]
+        if any_bits == U0:
+            out[w] = carry if kind == SUB else before
+            continue
+        turned, on = U0, U0
+        for k in range(8):
+            q = part[k]
+            if not _flat_bytes(q):
                 return False
-            rows[y, w] = word
-        if width & 63:
-            rows[y, rows.shape[1] - 1] &= (U1 << np.uint64(width & 63)) - U1
+            turned |= _octet(q, 0) << np.uint64(8 * k)
+            on |= _octet(q, 7) << np.uint64(8 * k)
+        if kind == SUB:
+            word = _running_xor(turned) ^ carry
+            before = (word << U1) | (carry & U1)
+            carry = U0 - (word >> U63)
+        else:
+            word = before ^ turned
+        if (on & before) | (turned & ~on & ~before) != U0:  # 255 + 255, or 0 + 1: a grey after all
+            return False
+        out[w] = word
+    if width & 63:
+        out[out.shape[0] - 1] &= (U1 << np.uint64(width & 63)) - U1
     return True
 
 
-@njit(types.int64(GREYS, types.int64, types.uint8, WORK), cache=True, nogil=True)
-def rows_8bit(raw, width, threshold, rows):  # type: ignore[no-untyped-def]
-    """Filtered bytes of an 8-bit image → packed rows. 1 if there are greys, 0 if not, -1 for a bad filter."""
-    line, above = np.zeros(width, np.uint8), np.zeros(width, np.uint8)
-    greys = 0
-    for y in range(rows.shape[0]):
-        start = y * (width + 1)
-        if not _unfilter(raw[start], raw[start + 1 : start + 1 + width], above, line):
+@njit
+def _spread(bits, line):  # type: ignore[no-untyped-def]
+    """A packed row as bytes, 255 where solid."""
+    for x in range(line.shape[0]):
+        line[x] = np.uint8(U0 - ((bits[x >> 6] >> np.uint64(x & 63)) & U1))
+
+
+@njit(types.int64(GREYS, types.int64, types.int64, types.uint8, WORK, LINES, IMAGE), cache=True, nogil=True)
+def unfilter_8bit(raw, y, width, threshold, rows, lines, image):  # type: ignore[no-untyped-def]
+    """Filtered rows of an 8-bit image, the first of them row `y`, → packed rows.
+
+    raw    whole rows of 1 + width bytes
+    lines  (3, width) uint8, the same from call to call: the row above if it has greys, this row, [2, 0] says which
+    image  (H, W) uint8 for all the grey values, its rows before `y` filled in; or with no rows
+    returns how many rows were done: fewer than there are where the next one has greys and `image` no rows; -1 for a
+    filter that does not exist
+    """
+    above, line, has_greys = lines[0], lines[1], lines[2]
+    none_above = np.zeros(rows.shape[1], np.uint64)
+    for k in range(raw.shape[0] // (width + 1)):
+        here = raw[k * (width + 1) + 1 : (k + 1) * (width + 1)]
+        kind, out = raw[k * (width + 1)], rows[y + k]
+        bits_above = rows[y + k - 1] if y + k > 0 else none_above
+        fast = kind <= SUB or (kind == UP and has_greys[0] == 0)
+        if fast and _fast_row(here, kind, bits_above, out):
+            has_greys[0] = 0
+            if image.shape[0]:
+                _spread(out, image[y + k])
+            continue
+        if has_greys[0] == 0:
+            _spread(bits_above, above)
+        if not _unfilter(kind, here, above, line):
             return -1
-        if _pack_line(line, threshold, rows[y]):
-            greys = 1
-        line, above = above, line
-    return greys
+        greys = _pack_line(line, threshold, out)
+        if greys and image.shape[0] == 0:
+            return k
+        if image.shape[0]:
+            for x in range(width):
+                image[y + k, x] = line[x]
+        has_greys[0] = greys
+        if greys:
+            for x in range(width):
+                above[x] = line[x]
+    return raw.shape[0] // (width + 1)
 
 
-@njit(types.void(GREYS, types.int64, IMAGE), cache=True, nogil=True)
-def grey_8bit(raw, width, image):  # type: ignore[no-untyped-def]
-    """Filtered bytes of an 8-bit image, known to be sound → the image."""
-    above = np.zeros(width, np.uint8)
-    for y in range(image.shape[0]):
-        start = y * (width + 1)
-        _unfilter(raw[start], raw[start + 1 : start + 1 + width], above, image[y])
-        above = image[y]
+@njit(types.void(WORK, types.int64, IMAGE), cache=True, nogil=True)
+def spread_rows(rows, count, image):  # type: ignore[no-untyped-def]
+    """The first `count` packed rows as bytes, 255 where solid."""
+    for y in range(count):
+        _spread(rows[y], image[y])
+
+
+@njit(types.int64(GREYS, types.int64, types.int64, WORK, LINES), cache=True, nogil=True)
+def unfilter_1bit(raw, y, width, rows, lines):  # type: ignore[no-untyped-def]
+    """The same for a 1-bit image: rows of 1 + ⌈width / 8⌉ bytes, the leftmost pixel in the highest bit.
+
+    lines  (3, ⌈width / 8⌉): the row above
+    """
+    size = lines.shape[1]
+    above, line = lines[0], lines[1]
+    for k in range(raw.shape[0] // (size + 1)):
+        start = k * (size + 1)
+        if not _unfilter(raw[start], raw[start + 1 : start + 1 + size], above, line):
+            return -1
+        out = rows[y + k]
+        for w in range(out.shape[0]):
+            word = U0
+            for i in range(min(8, size - 8 * w)):
+                byte = np.uint64(line[8 * w + i])
+                # Eight bits reversed, after Sean Anderson's "Bit Twiddling Hacks".
+                byte = (((byte * np.uint64(0x0802) & np.uint64(0x22110)) | (byte * np.uint64(0x8020) & np.uint64(
+                    0x88440))) * np.uint64(0x10101) >> np.uint64(16)) & np.uint64(0xFF)  # fmt: skip
+                word |= byte << np.uint64(8 * i)
+            out[w] = word
+        if width & 63:
+            out[out.shape[0] - 1] &= (U1 << np.uint64(width & 63)) - U1
+        for i in range(size):
+            above[i] = line[i]
+    return raw.shape[0] // (size + 1)
