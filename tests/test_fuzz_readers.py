@@ -77,7 +77,7 @@ def test_bytes_that_were_changed_anywhere(kind, data):
         use(Path(folder), kind, bytes(raw[:cut]))
 
 
-@pytest.mark.parametrize("kind", ["jobs", "meshes", "printers"])
+@pytest.mark.parametrize("kind", ["jobs", "meshes", "printers", "gcode"])
 def test_files_changed_where_it_matters(tmp_path, kind):
     """Entries, chunks, numbers, words replaced by such as hurt, in every kind of file: LayerfixError or a result."""
     seeds.write(kind, tmp_path / "seeds")

@@ -13,7 +13,7 @@ import click
 import cloup
 
 from layerfix import __version__
-from layerfix.cli_types import Length, Percent, Pitch, Range
+from layerfix.cli_types import Length, Percent, Pitch, Range, Scale
 from layerfix.errors import InputError
 from layerfix.units import format_mm
 
@@ -43,6 +43,7 @@ FRAME = (
 )
 MESH = (
     cloup.option("--unit", help="What one unit of the mesh is: mm, in, m … [default: as the file says, else mm]"),
+    cloup.option("--scale", type=Scale(), help="Make the part so many times as large: 1:87, 50%, 2."),
 )
 WORKERS = cloup.option("--workers", type=cloup.IntRange(1), help="Threads. [default: one per core]")
 FORCE = cloup.option("--force", is_flag=True, help="Replace outputs that exist.")
@@ -319,9 +320,15 @@ def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
         def show(done: int, total: int) -> None:
             _abort_if(stopped)
-            bar.update(task, completed=done, total=total)
+            bar.update(task, description=what, completed=done, total=total)
 
-        yield show
+        if not console.is_terminal:
+            yield show
+            return
+        from layerfix.kernels import compiling_told
+
+        with compiling_told(lambda _: bar.update(task, description="compiling kernels (once) …")):
+            yield show
 
 
 @contextmanager

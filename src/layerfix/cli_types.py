@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from layerfix.errors import InputError
-from layerfix.units import parse_length_mm
+from layerfix.units import parse_length_mm, parse_scale
 
 
 class Length(click.ParamType[float]):
@@ -66,3 +66,15 @@ class Percent(click.ParamType[float]):
         if not 0 <= share <= 1:
             self.fail(f"'{value}' is not between 0 % and 100 %: write 20%, or 0.2", param, ctx)
         return share
+
+
+class Scale(click.ParamType[float]):
+    """``1:87``, ``50%`` or ``2``: how many times as large."""
+
+    name = "scale"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            return parse_scale(str(value))
+        except InputError as problem:
+            self.fail(str(problem), param, ctx)

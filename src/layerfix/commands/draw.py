@@ -8,7 +8,7 @@ from typing import Any
 from layerfix.draw.canvas import check_drawing
 from layerfix.draw.plots import draw_paths
 from layerfix.errors import InputError
-from layerfix.files import check_apart, check_target
+from layerfix.files import check_apart, check_input, check_target
 from layerfix.formats.vector.gcode_reader import read_gcode
 
 
@@ -17,8 +17,7 @@ def draw_gcode(source: Path, target: Path, index: int, *, force: bool) -> dict[s
 
     Raises InputError for a file that is no G-code or has fewer layers, OutputError for the target.
     """
-    if not source.is_file():
-        raise InputError(f"{source}: no such file")
+    check_input(source, folders=False)
     check_drawing(target)
     check_apart(target, source)
     check_target(target, force=force)

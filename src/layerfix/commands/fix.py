@@ -11,9 +11,19 @@ from typing import TYPE_CHECKING
 from layerfix.commands.options import Options, flag, refuse_given
 from layerfix.draw.before_after import before_after
 from layerfix.errors import InputError, OutputError
-from layerfix.files import check_apart, check_target, whole_file
-from layerfix.formats import check_options, find_format, find_writer, options_for_layers, read, read_mesh, write
+from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
+from layerfix.formats import (
+    check_before,
+    check_options,
+    find_format,
+    find_writer,
+    options_for_layers,
+    read,
+    read_mesh,
+    write,
+)
 from layerfix.layers.correction import correct, feature_radius_px
+from layerfix.mesh.empty import empty_between, empty_ends, told_of_ends
 from layerfix.mesh.slicing import slice_mesh
 from layerfix.units import format_mm
 
@@ -64,6 +74,7 @@ def fix(
     """
     started = time.perf_counter()
     _check_paths(source, target, options)
+    check_before(target, options.printer)
     check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
     stack = open_stack(source, options)
@@ -90,7 +101,8 @@ def fix(
     write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, **options.output)
     summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
     if run.picture:
-        draw_layer(stack, fixed, summary.most_changed_layer, run.picture, force=run.force)
+        with already_written(target):
+            draw_layer(stack, fixed, summary.most_changed_layer, run.picture, force=run.force)
     return summary
 
 
@@ -104,8 +116,11 @@ def open_stack(source: Path, options: Options) -> LayerStack:
         return open_part(source, options)[1]
     refuse_given(options.slicing, f"goes with meshes; {source} holds layers already")
     frame, greys = options.frame, {f: v for f, v in asdict(options.greys).items() if v is not None}
-    return read(source, printer=options.printer, pixel_mm=frame.pixel_mm, layer_mm=frame.layer_mm,
-                first_layer_mm=frame.first_layer_mm, **greys)  # fmt: skip
+    stack = read(source, printer=options.printer, pixel_mm=frame.pixel_mm, layer_mm=frame.layer_mm,
+                 first_layer_mm=frame.first_layer_mm, **greys)  # fmt: skip
+    if empty_ends(stack) is None:
+        raise InputError(f"{source}: nothing is solid in any of its {len(stack)} layers")
+    return stack
 
 
 def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
@@ -125,12 +140,13 @@ def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
     if paths is not None:
         for height in (layer_mm, first_mm or layer_mm):
             paths.check_layer(height)
-    mesh = _turned_to_fit(read_mesh(source, unit=options.slicing.unit), printer)
+    slicing = options.slicing
+    mesh = _turned_to_fit(read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0), printer)
     _check_size(mesh, printer, min_feature_mm)
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
-    return mesh, slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
-                            margin_mm=min_feature_mm, fill=options.slicing.fill or "nonzero",
-                            frame_px=panel)  # fmt: skip
+    stack = slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
+                       margin_mm=min_feature_mm, fill=slicing.fill or "nonzero", frame_px=panel)  # fmt: skip
+    return mesh, told_of_ends(stack, mesh)
 
 
 def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:
@@ -142,8 +158,7 @@ def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, 
 
 
 def _check_paths(source: Path, target: Path, options: Options) -> None:
-    if not source.exists():
-        raise InputError(f"{source}: no such file or folder")
+    check_input(source)
     check_apart(target, source)
     check_target(target, force=options.run.force)
     picture = options.run.picture
@@ -269,14 +284,6 @@ def _doubts(tolerance_mm: float | None, paths: PathSettings | None, min_feature_
 
 
 def _empty_layers(done: list[Layer]) -> list[str]:
-    """A word about layers without anything between others that have something: nothing holds what is above."""
+    """A word about layers without anything between others that have something."""
     solid = [layer.change is None or layer.change.solid_px > 0 for layer in done]
-    if True not in solid:
-        return []
-    first, last = solid.index(True), len(solid) - 1 - solid[::-1].index(True)
-    empty = [layer for layer, full in zip(done[first:last], solid[first:last], strict=True) if not full]
-    if not empty:
-        return []
-    shown = ", ".join(f"{layer.z_mm[0]:.3f}" for layer in empty[:5])
-    more = f" and {len(empty) - 5} more" if len(empty) > 5 else ""
-    return [f"{len(empty)} empty layers in the middle, at z = {shown}{more} mm: what is above them hangs in the air"]
+    return empty_between(solid, [layer.z_mm for layer in done])

@@ -18,7 +18,7 @@ from layerfix.fdm import settings_for
 from layerfix.fdm.bands import banded
 from layerfix.fdm.speeds import Speeds, written_time
 from layerfix.fdm.width_plan import WidthPlan, with_first_layer
-from layerfix.files import check_apart, check_target
+from layerfix.files import already_written, check_apart, check_input, check_target
 from layerfix.formats import write
 from layerfix.formats.solid.width_files import SLICERS
 from layerfix.layers.widths import Widths, suggest_widths
@@ -105,8 +105,7 @@ def suggest(
     models = [path for path in targets if path.suffix.lower() == ".3mf"]
     if wanted.slicer is not None and not models:
         raise InputError(f"--slicer {wanted.slicer}: goes with a .3mf, and none of the outputs is one")
-    if not source.is_file():
-        raise InputError(f"{source}: no such file")
+    check_input(source, folders=False)
     for path in targets:
         _check(path, source, options.run.force)
         if targets.count(path) > 1:
@@ -128,9 +127,10 @@ def suggest(
     def watch(index: int, layer: Layer) -> None:
         progress(index + 1, len(stack))
 
-    for path in targets:
+    for k, path in enumerate(targets):
         own: Own = {"slicer": wanted.slicer} if path.suffix.lower() == ".3mf" and wanted.slicer else {}
-        write(path, plan, printer, force=options.run.force, watch=watch, tell=told.append, **own)
+        with already_written(*targets[:k]):
+            write(path, plan, printer, force=options.run.force, watch=watch, tell=told.append, **own)
     return replace(summary, seconds=time.perf_counter() - started, notes=tuple(told))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from layerfix.errors import InputError, OutputError
+from layerfix.files import check_input
 from layerfix.formats.options import Hints, Own, WriteOptions, own_options
 from layerfix.formats.probe import Probe
 from layerfix.formats.reopening import reopened
@@ -58,8 +59,7 @@ def find_format(path: str | Path) -> tuple[Format, Probe]:
     Raises InputError for one that is missing, unknown, or known and not read (saying what to do instead).
     """
     path = Path(path)
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder")
+    check_input(path)
     probe = Probe(path)
     if probe.is_folder and any(probe.suffix in row.suffixes for row in FORMATS if row.mesh):
         raise InputError(f"{path}: is a folder; a mesh is a file")
@@ -224,6 +224,16 @@ def _goes_with(name: str) -> str:
         for suffix in row.suffixes
     )
     return ", ".join(dict.fromkeys(found))
+
+
+def check_before(path: Path, printer: Printer | None) -> None:
+    """Whatever can be refused before there is a value: a printer that the writer of this suffix cannot write for."""
+    for row in rows():
+        if path.suffix.lower() in row.suffixes:
+            for writer in row.writers.values():
+                if writer.check is not None:
+                    function(writer.check)(path, printer)
+            return
 
 
 def load_kernels(path: Path) -> None:

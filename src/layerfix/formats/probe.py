@@ -13,7 +13,7 @@ from layerfix.files import reading
 if TYPE_CHECKING:
     from layerfix.formats.jobs.zips import Archive
 
-HEAD_BYTES = 1024
+HEAD_BYTES = 16384  # what the readers of meshes need to see
 
 
 class Probe:

@@ -44,12 +44,14 @@ class Writer:
     """What writes one kind of value: (path, value, options) → None.
 
     options  the class of what it takes; `layerfix.formats.options`
-    kernels  modules to load beforehand, so that nothing is compiled while a user watches progress
+    kernels  modules to load beforehand
+    check    refuses, by (path, printer), what cannot be written whatever the value is
     """
 
     function: str | Callable[..., None]
     options: type[WriteOptions] = WriteOptions
     kernels: tuple[str, ...] = ()
+    check: str | None = None
 
 
 @dataclass(frozen=True)
@@ -114,12 +116,28 @@ def _is_3mf(probe: Probe) -> bool:
     return is_zip_with("[content_types].xml")(probe) and any(n.lower().endswith(".model") for n in probe.entries)
 
 
+def _is_mesh(name: str) -> Callable[[Probe], bool]:
+    """A file that the readers of meshes take for this kind."""
+
+    def recognises(probe: Probe) -> bool:
+        from layerfix.mesh.load import kind_by_content
+
+        if probe.is_folder:
+            return False
+        kind = kind_by_content(probe.head, probe.path.stat().st_size, probe.suffix)
+        return kind is not None and kind.name == name
+
+    return recognises
+
+
 _MESH = "layerfix.mesh.load:load_mesh"
 _IMAGES = "layerfix.formats.png.images"
 _VECTOR = "layerfix.formats.vector"
 _MODEL = "layerfix.formats.solid.model"
 _WIDTHS = "layerfix.formats.solid.width_files"
 _JOBS = "layerfix.formats.jobs"
+
+_GCODE = Writer(f"{_VECTOR}.gcode:write", GcodeOptions, _PATHS, f"{_VECTOR}.gcode:check_printer")
 
 FORMATS = (
     Format("folders of PNG images", ("",), is_folder, f"{_IMAGES}:read_folder",
@@ -149,16 +167,16 @@ FORMATS = (
     Format("PNG images", (".png",), starts(b"\x89PNG\r\n\x1a\n"), f"{_IMAGES}:read_image",
            writers={"layers": Writer(f"{_IMAGES}:write_image", PngOptions),
                     "widths": Writer(f"{_WIDTHS}:draw_width_plan")}),
-    Format("STL", (".stl",), has_suffix(".stl"), mesh=_MESH,
-           writers={"layers": Writer(f"{_MODEL}:write_stl", OutlineOptions, _CONTOURS),
-                    "mesh": Writer(f"{_MODEL}:write_mesh_stl")}),
-    Format("OBJ", (".obj",), has_suffix(".obj"), mesh=_MESH),
-    Format("PLY", (".ply",), has_suffix(".ply"), mesh=_MESH),
-    Format("OFF", (".off",), has_suffix(".off"), mesh=_MESH),
-    Format("glTF", (".glb", ".gltf"), has_suffix(".glb", ".gltf"), mesh=_MESH),
     Format("G-code", (".gcode",), has_suffix(".gcode"),
            refusal="G-code is not corrected, only drawn: `layerfix draw {path} layer.png`",
-           writers={"layers": Writer(f"{_VECTOR}.gcode:write", GcodeOptions, _PATHS)}),
+           writers={"layers": _GCODE}),
+    Format("STL", (".stl",), _is_mesh("STL"), mesh=_MESH, by_name=True,
+           writers={"layers": Writer(f"{_MODEL}:write_stl", OutlineOptions, _CONTOURS),
+                    "mesh": Writer(f"{_MODEL}:write_mesh_stl")}),
+    Format("OBJ", (".obj",), _is_mesh("OBJ"), mesh=_MESH, by_name=True),
+    Format("PLY", (".ply",), _is_mesh("PLY"), mesh=_MESH, by_name=True),
+    Format("OFF", (".off",), _is_mesh("OFF"), mesh=_MESH, by_name=True),
+    Format("glTF", (".glb", ".gltf"), _is_mesh("glTF"), mesh=_MESH, by_name=True),
     Format("SVG outlines", (".svg",),
            writers={"layers": Writer(f"{_VECTOR}.svg:write", OutlineOptions, _CONTOURS),
                     "widths": Writer(f"{_WIDTHS}:draw_width_plan")}),

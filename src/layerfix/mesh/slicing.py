@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numba import types
@@ -254,12 +254,34 @@ def slice_mesh(
     grid = _Grid(pitch, origin, (height, words_for(width)), width, float(mesh.bounds_mm[0, 2]), z_mm)
     pieces = _pieces(mesh, grid, FILLS[fill])
 
-    def make(index: int) -> Layer:
-        rows, gaps = _united(pieces, grid, index)
-        bottom, top = z_mm[index].tolist()
-        return Layer(rows, width, (bottom, top), gaps=gaps)
-
+    how = {"pixel_mm": pitch, "layer_mm": layer_mm, "first_layer_mm": first_layer_mm, "margin_mm": margin_mm,
+           "fill": fill, "frame_px": frame_px}  # fmt: skip
+    make = _Sliced(mesh, how, pieces, grid)
     return LayerStack(width, height, pitch, z_mm, make, origin, notes=mesh.notes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sliced:
+    """`make` of a sliced mesh. What is pickled is the mesh and how it is sliced."""
+
+    mesh: Mesh
+    how: dict[str, Any]
+    pieces: list[_Piece]
+    grid: _Grid
+
+    def __call__(self, index: int) -> Layer:
+        rows, gaps = _united(self.pieces, self.grid, index)
+        bottom, top = self.grid.z_mm[index].tolist()
+        return Layer(rows, self.grid.width, (bottom, top), gaps=gaps)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _sliced, (self.mesh, self.how)
+
+
+def _sliced(mesh: Mesh, how: dict[str, Any]) -> _Sliced:
+    make = slice_mesh(mesh, **how).make
+    assert isinstance(make, _Sliced)
+    return make
 
 
 def _pieces(mesh: Mesh, grid: _Grid, rule: int) -> list[_Piece]:

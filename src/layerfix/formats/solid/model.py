@@ -52,8 +52,18 @@ def write_mesh_stl(path: Path, mesh: Mesh, options: WriteOptions) -> None:
 
 
 def write_mesh_3mf(path: Path, mesh: Mesh, options: WriteOptions) -> None:
-    """A mesh as it is, at its place."""
+    """A mesh as it is, at its place. Raises OutputError for one with parts that are cut out."""
+    check_whole(path, mesh)
     write_3mf(path, [(mesh.vertices, mesh.faces.astype(np.int64))], force=options.force)
+
+
+def check_whole(path: Path, mesh: Mesh) -> None:
+    """Raises OutputError for a mesh with parts that are cut out of it: as triangles they would be solid."""
+    if mesh.is_clipped:
+        raise OutputError(
+            f"{path}: {mesh.name} has parts that others are cut out of, which are cut layer by layer: write the"
+            " layers (slice_mesh) instead"
+        )
 
 
 def _watched(path: Path, stack: LayerStack, options: OutlineOptions) -> Iterator[Slab]:

@@ -23,6 +23,7 @@ import numpy as np
 
 from layerfix.errors import OutputError
 from layerfix.files import whole_file
+from layerfix.formats.solid.model import check_whole
 from layerfix.formats.solid.package_3mf import write_3mf
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def write_width_3mf(path: Path, plan: WidthPlan, options: WidthModelOptions) -> 
 
     Raises OutputError for a slicer that is not one of SLICERS.
     """
+    check_whole(path, plan.part)
     slicer, mesh, widths = options.slicer, plan.part, plan.chosen
     if slicer not in SLICERS:
         raise OutputError(f"{path}: slicer '{slicer}' is not known; choose from {', '.join(SLICERS)}")
