@@ -186,6 +186,8 @@ def _why_not(path: Path, value: object, kind: str | None, named: list[Format]) -
         )
     if kind in AS_LAYERS and not other:
         return f"{named[0].name} do not hold {what}; pass its layers: .stack"
+    if not any(row.writers for row in named):
+        return f"{named[0].name} is only read; a {what} goes to {', '.join(dict.fromkeys(other))}"
     return f"{named[0].name} do not hold a {what}; it goes to {', '.join(dict.fromkeys(other))}"
 
 

@@ -53,11 +53,6 @@ def is_zip_with(*names: str) -> Callable[[Probe], bool]:
     return lambda probe: any(name.lower() in names for name in probe.entries)
 
 
-def is_zip(probe: Probe) -> bool:
-    """Any zip."""
-    return probe.is_zip
-
-
 def is_folder(probe: Probe) -> bool:
     """A folder."""
     return probe.is_folder

@@ -24,7 +24,7 @@ from layerfix.formats.options import (
     WidthModelOptions,
     WriteOptions,
 )
-from layerfix.formats.probe import has_suffix, is_folder, is_zip, is_zip_with, starts
+from layerfix.formats.probe import has_suffix, is_folder, is_zip_with, starts
 
 if TYPE_CHECKING:
     from layerfix.formats.probe import Probe
@@ -112,8 +112,13 @@ def _is_nanodlp(probe: Probe) -> bool:
 
 
 def _is_3mf(probe: Probe) -> bool:
-    """An Open Packaging zip with a model, which may be called as its author likes."""
-    return is_zip_with("[content_types].xml")(probe) and any(n.lower().endswith(".model") for n in probe.entries)
+    """A zip with a model, which may be called as its author likes."""
+    return any(name.lower().endswith(".model") for name in probe.entries)
+
+
+def _is_images(probe: Probe) -> bool:
+    """A zip with PNG files in it."""
+    return any(name.lower().endswith(".png") for name in probe.entries)
 
 
 def _is_mesh(name: str) -> Callable[[Probe], bool]:
@@ -162,7 +167,7 @@ FORMATS = (
            writers={"layers": Writer(f"{_MODEL}:write_model_3mf", OutlineOptions, _CONTOURS),
                     "mesh": Writer(f"{_MODEL}:write_mesh_3mf"),
                     "widths": Writer(f"{_WIDTHS}:write_width_3mf", WidthModelOptions)}, by_name=True),
-    Format("zips of PNG images", (".zip",), is_zip, f"{_IMAGES}:read_zip",
+    Format("zips of PNG images", (".zip",), _is_images, f"{_IMAGES}:read_zip",
            writers={"layers": Writer(f"{_IMAGES}:write_zip", PngOptions)}, by_name=True, generic=True),
     Format("PNG images", (".png",), starts(b"\x89PNG\r\n\x1a\n"), f"{_IMAGES}:read_image",
            writers={"layers": Writer(f"{_IMAGES}:write_image", PngOptions),
