@@ -485,6 +485,14 @@ def test_fix_keeps_the_fin_and_says_how_long_it_takes(stl, tmp_path):
         assert np.ptp(points[:, 1]) > 2.3
 
 
+def main_width(paths: list) -> float:
+    """The width of most of the beads' length: its median by length."""
+    width = np.concatenate([p.width_mm for p in paths])
+    length = np.concatenate([p.lengths_mm for p in paths])
+    order = np.argsort(width)
+    return float(width[order][np.searchsorted(np.cumsum(length[order]), length.sum() / 2)])
+
+
 def test_options_of_the_command(stl, tmp_path):
     """--layers, --width, --infill, --seam, --perimeters and --skirt are heeded."""
     plain = read_gcode(write_text(tmp_path, "plain", fixed(stl, tmp_path / "1.gcode")))
@@ -497,7 +505,11 @@ def test_options_of_the_command(stl, tmp_path):
     few = layers("--layers", "0:2")
     assert [x.z_mm for x in few] == [x.z_mm for x in plain[:2]]
     wide = layers("--width", "0.6mm", "--layers", "0:2")
-    assert {float(np.median(p.width_mm)) for x in wide for p in x.paths if p.kind == "External perimeter"} == {0.6}
+    outer = [p for x in wide for p in x.paths if p.kind == "External perimeter"]
+    assert [main_width(outer), main_width([p for p in plain[1].paths if p.kind == "External perimeter"])] == [
+        pytest.approx(0.6, abs=0.011),
+        pytest.approx(0.45, abs=0.011),
+    ]  # corners are balanced: wider
     skirts = layers("--skirt", "3", "--layers", "0:2")
     assert [sum(p.kind == "Skirt/Brim" for p in x.paths) for x in skirts] == [3, 0]
     assert not [p for p in layers("--skirt", "0", "--layers", "0")[0].paths if p.kind == "Skirt/Brim"]
@@ -572,7 +584,7 @@ def test_empty_layers_in_the_middle(tmp_path):
                        "--layer", "0.2mm", "--json")  # fmt: skip
     assert run.code == 0
     (note,) = [note for note in json.loads(run.out)["notes"] if "empty" in note]
-    assert "2 empty layers" in note
+    assert "2 layers are empty" in note
     assert "0.600" in note
     assert "0.800" in note
     layers = read_gcode(tmp_path / "a.gcode")
@@ -626,9 +638,9 @@ def test_widths_of_each_layer(part, tmp_path):
     widths = [0.4, 0.45, 0.5, 0.55, 0.6, 0.5, 0.4]
     lf.write(tmp_path / "a.gcode", part, lf.load_printer(MK3S), width_mm=widths)
     for layer, width in zip(read_gcode(tmp_path / "a.gcode"), widths, strict=True):
-        laid = np.concatenate([p.width_mm for p in layer.paths])
-        lengths = np.concatenate([p.lengths_mm for p in layer.paths])
-        assert lengths[abs(laid - width) < 1e-6].sum() > 0.4 * lengths.sum()
+        assert main_width([p for p in layer.paths if p.kind == "External perimeter"]) == pytest.approx(
+            width, abs=0.011
+        )
 
 
 # Reading
