@@ -110,3 +110,11 @@ def proof(paths: Iterable[Path], shape: Geometry, layer_mm: float = LAYER_MM) ->
         volume_over_shape=volume / (shape.area * layer_mm),
         astray_mm=float(shapely.difference(lines_of(paths), shape).length),
     )
+
+
+def main_width(paths: list[Path]) -> float:
+    """The width of most of the beads' length: its median by length."""
+    width = np.concatenate([p.width_mm for p in paths])
+    length = np.concatenate([p.lengths_mm for p in paths])
+    order = np.argsort(width)
+    return float(width[order][np.searchsorted(np.cumsum(length[order]), length.sum() / 2)])

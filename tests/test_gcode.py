@@ -27,7 +27,7 @@ from layerfix.fdm.toolpaths import plan_toolpaths
 from layerfix.formats import read as read_layers
 from layerfix.formats.vector.gcode_reader import read_gcode
 from layerfix.printers import Printer
-from tests.beads import drawn, section_mm2, shape_of, stack_of
+from tests.beads import drawn, main_width, section_mm2, shape_of, stack_of
 from tests.making import SHARED, contents, joined, run_layerfix, thin_part, write_stl
 from tests.making import box as block
 from tests.moving import LIMITS, timed
@@ -483,14 +483,6 @@ def test_fix_keeps_the_fin_and_says_how_long_it_takes(stl, tmp_path):
     for layer in layers[4:]:
         points = np.concatenate([p.points_mm for p in layer.paths])
         assert np.ptp(points[:, 1]) > 2.3
-
-
-def main_width(paths: list) -> float:
-    """The width of most of the beads' length: its median by length."""
-    width = np.concatenate([p.width_mm for p in paths])
-    length = np.concatenate([p.lengths_mm for p in paths])
-    order = np.argsort(width)
-    return float(width[order][np.searchsorted(np.cumsum(length[order]), length.sum() / 2)])
 
 
 def test_options_of_the_command(stl, tmp_path):

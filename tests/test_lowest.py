@@ -30,7 +30,7 @@ def test_every_dependency_has_its_lowest_version_as_a_constraint():
     wanted = [*project["dependencies"], *project["optional-dependencies"]["test"]]
     printed = subprocess.run([sys.executable, LOWEST], capture_output=True, text=True, check=True).stdout.splitlines()
     assert printed == [r.replace(">=", "==") for r in wanted if r.split(">=")[0] not in ("ruff", "mypy")]
-    assert "click==8.4" in printed
+    assert "click==8.5" in printed
     assert "shapely==2.1" in printed
     assert "trimesh==4.7" in printed
 
