@@ -18,7 +18,7 @@ from layerfix import kernel_cache, kernels
 from layerfix.bits import pack, popcount
 from layerfix.kernels import njit
 from layerfix.layers.columns import bounding_box
-from tests.making import SOURCE, environment, give_up_override
+from tests.making import SOURCE, box, environment, give_up_override, write_stl
 
 # Dilates and erodes a line of 30 pixels. Prints the pixels, and how many kernels were loaded and compiled.
 DILATE = """
@@ -279,3 +279,35 @@ def test_compiling_is_told(tmp_path, monkeypatch):
         assert made(SOURCES["plain"])(5) == 16
         assert made(SOURCES["plain"])(6) == 19
     assert told == ["made.kernel"]
+
+
+def test_a_kernel_has_one_name_in_every_process():
+    """Options that are sets have another order in each: the digest must not."""
+    code = "from layerfix.fdm.distance import edge_distance as k; print(k._cache._names())"
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=120,
+        ).stdout
+        for seed in ("1", "2", "3", "4")
+    }
+    assert len(said) == 1
+
+
+def test_a_warm_start_loads_no_linear_algebra(tmp_path):
+    """From a mesh to images: a kernel that names numba's array mathematics would load scipy.linalg, 0.1 s."""
+    write_stl(tmp_path / "box.stl", box([0, 0, 0], [10, 10, 2]))
+    code = (
+        "import sys; from layerfix.cli import layerfix;"
+        "layerfix.main(['fix', 'box.stl', 'a.zip', '-p', 'prusa-mk3s-0.4', '--force'], standalone_mode=False);"
+        "print('scipy.linalg' in sys.modules)"
+    )
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=240
+        )
+    assert done.stdout.splitlines()[-1] == "False"

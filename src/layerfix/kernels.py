@@ -145,7 +145,11 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
         kernel = self._kernel
         python = sys.implementation.cache_tag
         machine = _digest(repr((python, kernel.targetctx.codegen().magic_tuple())), 4)
-        options = sorted(kernel.targetoptions.items())
+        # The order of a set is another one in every process.
+        options = sorted(
+            (name, sorted(value) if isinstance(value, (set, frozenset)) else value)
+            for name, value in kernel.targetoptions.items()
+        )
         symbols = [called.compiled.fndesc.mangled_name for called in kernel.calls]
         versions = numba.__version__, np.__version__
         whole = repr((kernel.stamp, str(kernel.signature), options, symbols, machine, versions))

@@ -36,7 +36,7 @@ def vertex_keys(points):  # type: ignore[no-untyped-def]
     for v in range(points.shape[0]):
         h = np.uint64(0x9E3779B97F4A7C15)
         for k in range(3):
-            h = mix(h ^ np.uint64(np.int64(np.round(points[v, k] * 1024.0)))) + np.uint64(k)
+            h = mix(h ^ np.uint64(np.int64(np.rint(points[v, k] * 1024.0)))) + np.uint64(k)
         keys[v] = h
     return keys
 

@@ -31,7 +31,9 @@ def any_doubles(keys, faces):  # type: ignore[no-untyped-def]
     size = 16
     while size < 2 * faces.shape[0]:
         size *= 2
-    table = np.full(size, -1, np.int32)
+    table = np.empty(size, np.int32)
+    for k in range(size):  # np.full would load half of numba, 0.1 s
+        table[k] = -1
     mask = np.uint64(size - 1)
     for t in range(faces.shape[0]):
         a, b, c = keys[faces[t, 0]], keys[faces[t, 1]], keys[faces[t, 2]]
