@@ -106,8 +106,8 @@ def flag(name: str) -> str:
     return FLAGS[name] if name in FLAGS else "--" + name.removesuffix("_mm").replace("_", "-")
 
 
-def refuse_given(part: object, why: str) -> None:
+def refuse_given(part: Slicing | Greys, why: str) -> None:
     """Raises InputError if anything in `part` was given; why: where it would be taken instead."""
-    names = [f.name for f in fields(part) if getattr(part, f.name) is not None]  # type: ignore[arg-type]
+    names = [f.name for f in fields(part) if getattr(part, f.name) is not None]
     if names:
         raise InputError(f"{', '.join(map(flag, names))}: {why}")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
+
+import numpy as np
 
 from layerfix.errors import OutputError
 from layerfix.files import whole_file
@@ -113,5 +114,4 @@ def check_drawing(path: Path) -> None:
 
 
 def _pairs(points: ArrayLike) -> list[tuple[float, float]]:
-    listed: Sequence[Sequence[float]] = points.tolist() if hasattr(points, "tolist") else points  # type: ignore[assignment]
-    return [(float(x), float(y)) for x, y in listed]
+    return [(float(x), float(y)) for x, y in np.asarray(points, np.float64).reshape(-1, 2)]

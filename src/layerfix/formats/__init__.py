@@ -239,7 +239,7 @@ def check_before(path: Path, printer: Printer | None) -> None:
 
 
 def load_kernels(path: Path) -> None:
-    """Load, and on a machine's first run compile, what the writers of a suffix need."""
+    """Import what the writers of a suffix need, before any progress is shown; kernels load when first called."""
     import importlib
 
     for row in rows():
