@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, TypeVar, overload
@@ -36,6 +36,7 @@ class Change:
     removed_px: int
     thinnest_mm: float | None
     radius_px: tuple[float, float] = (0.0, 0.0)  # (rx, ry) of F
+    paths: Rows | None = field(default=None, repr=False, compare=False)  # packed: where F was drawn, if from a file
 
 
 @dataclass(frozen=True)

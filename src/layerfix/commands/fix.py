@@ -22,7 +22,8 @@ from layerfix.formats import (
     read_mesh,
     write,
 )
-from layerfix.layers.correction import correct, feature_radius_px
+from layerfix.layers.correction import correct
+from layerfix.layers.feature import feature_of_mm
 from layerfix.mesh.empty import empty_between, empty_ends, told_of_ends
 from layerfix.mesh.slicing import slice_mesh
 from layerfix.units import format_mm
@@ -135,7 +136,7 @@ def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
         )
     first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
     min_feature_mm = _min_feature_mm(options)
-    feature_radius_px(min_feature_mm, pixel_mm)
+    feature_of_mm(min_feature_mm, pixel_mm)  # or it says why not
     paths = options.path_settings()
     if paths is not None:
         for height in (layer_mm, first_mm or layer_mm):

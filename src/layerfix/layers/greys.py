@@ -15,8 +15,7 @@ from numba import types
 from layerfix.bits import ROWS, U0, U1, WORK, words_for
 from layerfix.kernels import njit
 from layerfix.layers.flood import flood
-from layerfix.layers.morphology import dilate, erode
-from layerfix.layers.skeleton import meso_skeleton_rows
+from layerfix.layers.morphology import dilate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -116,10 +115,13 @@ def _set_where(image, rows, value, raise_only):  # type: ignore[no-untyped-def]
                     image[y, w * 64 + bit] = value
 
 
-def corrected_greys(image: Greys, before: Rows, after: Rows, radius_px: tuple[float, float], threshold: int) -> Greys:
+def corrected_greys(
+    image: Greys, before: Rows, after: Rows, paths: Rows, radius_px: tuple[float, float], threshold: int
+) -> Greys:
     """A grey layer with its correction drawn in: (H, W) uint8 → (H, W) uint8.
 
     before, after  what was solid (`solid_rows`) and what is, packed
+    paths          where F was drawn, packed
     radius_px      (rx, ry) of F
     """
     out = image.copy()
@@ -129,7 +131,6 @@ def corrected_greys(image: Greys, before: Rows, after: Rows, radius_px: tuple[fl
     if not added.any():
         return out
     width = image.shape[1]
-    paths = meso_skeleton_rows(before, width, radius_px) & ~erode(before, width, radius_px)
     rim = dilate(added, width, (1.5, 1.5)) & ~after & ~bright
     stencil = np.round(255 * disc_coverage(*radius_px)).astype(np.uint8)
     _draw(out, paths, added, rim, stencil, threshold)

@@ -3,6 +3,9 @@
 M̂ is the erosion M = S ⊖ F plus one-pixel paths through whatever is narrower than F. It is S thinned until
 nothing changes, with M's pixels anchored: never deleted. (The paper deletes and ORs them back after each
 round; on 2,500 random images that broke the topology of 6, the anchored form of none.)
+
+How far a path reaches into an end is the spur rule. "paper" takes a pixel a round off its ends, r times: how much that
+is in mm depends on the direction. "metric" (`layerfix.layers.metric`) measures: all directions alike.
 """
 
 from __future__ import annotations
@@ -15,20 +18,19 @@ from numba import types
 from layerfix.bits import WORK, pack, unpack
 from layerfix.errors import InputError
 from layerfix.kernels import njit
-from layerfix.layers.columns import BLOCK, to_columns, to_rows
-from layerfix.layers.morphology import disc_half_widths, erode_columns, working_box
+from layerfix.layers.columns import BLOCK, Room, fill_columns, to_columns, to_rows
+from layerfix.layers.drawing import anchor_columns, box_with_reach
+from layerfix.layers.feature import Feature, Radius, feature_of_radius, feature_of_size
+from layerfix.layers.morphology import disc_half_widths, working_box
 from layerfix.layers.thinning import FIRST, SECOND, SPURS, remove_spurs, start_changes, sub_iteration
-from layerfix.units import one_or_two
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from layerfix.bits import Rows
 
-Spurs = Literal["paper"]
+Spurs = Literal["metric", "paper"]
 SPUR_RULES: tuple[Spurs, ...] = get_args(Spurs)
-MAX_RADIUS_PX = 4096  # a disc of half a gigabyte of offsets; no printer is that coarse
-Radius = float | tuple[float, float]
 
 
 @njit(types.void(WORK, WORK, types.float64, WORK), cache=True, nogil=True)
@@ -52,12 +54,19 @@ def thin_anchored(columns, anchor, spur_rounds, scratch):  # type: ignore[no-unt
         j += 1
 
 
-def radii_px(radius_px: Radius) -> tuple[float, float]:
-    """(rx, ry) of a radius given as one number or two. Raises InputError unless both are above 0."""
-    rx, ry = one_or_two(radius_px, "radius", "px")
-    if max(rx, ry) > MAX_RADIUS_PX:
-        raise InputError(f"radius {radius_px} px: at most {MAX_RADIUS_PX} px")
-    return rx, ry
+def feature_and_rule(
+    radius_px: Radius | None, min_feature_px: Radius | None, spurs: Spurs | None
+) -> tuple[Feature, Spurs]:
+    """F from what was given by radius or by size, and the spur rule, which then is "paper" or "metric" if not given.
+
+    Raises InputError unless exactly one of the two was given, and for a rule that is not known.
+    """
+    if (radius_px is None) == (min_feature_px is None):
+        raise InputError("give the minimum feature either by radius_px or by min_feature_px")
+    feature = feature_of_size(min_feature_px) if min_feature_px is not None else feature_of_radius(radius_px or 0.0)
+    rule = spurs or ("metric" if feature.by_size else "paper")
+    check_spurs(rule)
+    return feature, rule
 
 
 def check_spurs(spurs: str) -> None:
@@ -66,16 +75,34 @@ def check_spurs(spurs: str) -> None:
         raise InputError(f"spurs='{spurs}' is not known; choose from {', '.join(SPUR_RULES)}")
 
 
-def meso_skeleton_rows(rows: Rows, width: int, radius: tuple[float, float]) -> Rows:
+def skeleton_columns(
+    solid: NDArray[np.uint64],
+    anchor: NDArray[np.uint64],
+    feature: Feature,
+    spurs: Spurs,
+    out: NDArray[np.uint64],
+    scratch: NDArray[np.uint64],
+) -> None:
+    """out = M̂ of the columns `solid`, thinned around `anchor`."""
+    np.copyto(out, solid)
+    if spurs == "paper":
+        thin_anchored(out, anchor, max(feature.radius_px), scratch)
+        return
+    from layerfix.layers.metric import thin_metric
+
+    thin_metric(out, anchor, feature)
+
+
+def meso_skeleton_rows(rows: Rows, width: int, feature: Feature, spurs: Spurs) -> Rows:
     """`meso_skeleton` on packed rows: (H, words) → (H, words)."""
-    out, disc = np.zeros_like(rows), disc_half_widths(*radius)
-    outer = working_box(rows, disc)
+    out = np.zeros_like(rows)
+    outer = box_with_reach(rows, *feature.reach_px)
     if outer[1]:
-        columns = to_columns(rows, outer)
-        anchor, scratch = np.empty_like(columns), np.empty_like(columns)
-        erode_columns(columns, disc, anchor, scratch)
-        thin_anchored(columns, anchor, max(radius), scratch)
-        to_rows(columns, outer, width, out)
+        solid, anchor, skeleton, scratch = Room().columns(outer, 4)
+        fill_columns(rows, outer, solid)
+        anchor_columns(solid, feature.half_widths, *feature.block, anchor, scratch)
+        skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch)
+        to_rows(skeleton, outer, width, out)
     return out
 
 
@@ -93,15 +120,25 @@ def thinned_rows(rows: Rows, anchor: Rows, width: int, spur_rounds: float) -> Ro
     return out
 
 
-def meso_skeleton(image: ArrayLike, radius_px: Radius, *, spurs: Spurs = "paper") -> NDArray[np.bool_]:
+def meso_skeleton(
+    image: ArrayLike,
+    radius_px: Radius | None = None,
+    *,
+    min_feature_px: Radius | None = None,
+    spurs: Spurs | None = None,
+) -> NDArray[np.bool_]:
     """The meso-skeleton M̂ of one layer (paper, Algorithm 2, anchored).
 
-    image      (H, W) bool, True where the layer is solid; outside is empty
-    radius_px  radius of the minimum feature F in pixels: one number, or (rx, ry) for pixels that are not square
-    spurs      the end-point rule; "paper" shortens a skeletal path by one pixel a round, for max(rx, ry) rounds
-    returns    (H, W) bool, M ⊆ M̂ ⊆ S, with the components (8-connected) and holes (4-connected) of S
-    raises     InputError for a radius that is not above 0, an unknown rule, an array that is no image
+    image           (H, W) bool, True where the layer is solid; outside is empty
+    radius_px       radius of the minimum feature F in pixels, as the paper's disc around a pixel's centre:
+                    one number, or (rx, ry) for pixels that are not square
+    min_feature_px  or F's size in pixels: F is round(size) pixels wide, even sizes, too
+    spurs           how far paths reach into ends: "paper" shortens them by one pixel a round, for max(rx, ry) rounds;
+                    "metric" measures them, alike in all directions. Usually "paper" by radius, "metric" by size
+    returns         (H, W) bool, A ⊆ M̂ ⊆ S, with the components (8-connected) and holes (4-connected) of S.
+                    A is the erosion S ⊖ F; of an F of even size, with the pixel east (south) of each of its pixels
+    raises          InputError for a radius or size that is not above 0, an unknown rule, an array that is no image
     """
-    check_spurs(spurs)
+    feature, rule = feature_and_rule(radius_px, min_feature_px, spurs)
     rows, width = pack(image), np.shape(image)[1]
-    return unpack(meso_skeleton_rows(rows, width, radii_px(radius_px)), width)
+    return unpack(meso_skeleton_rows(rows, width, feature, rule), width)

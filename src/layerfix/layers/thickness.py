@@ -91,9 +91,9 @@ def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def
     return min(best, max(near + far - np.hypot(ux * px_mm, uy * py_mm), min(px_mm, py_mm)))
 
 
-@njit(types.float64(WORK, WORK, WORK, types.float64, types.float64, types.float64), cache=True, nogil=True)
-def narrowest(columns, skeleton, anchor, limit_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
-    """Width in mm of S at the narrowest pixel of the skeletal paths M̂ \\ M; `limit_mm` if none is below.
+@njit(types.float64(WORK, WORK, types.float64, types.float64, types.float64), cache=True, nogil=True)
+def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+    """Width in mm of S at the narrowest pixel of the skeletal paths; `limit_mm` if none is below.
 
     The width at a pixel is the distance to the nearest void pixel plus that to the void straight across,
     less one pixel. A pixel whose nearest void is too far to beat the best so far costs a few words, and
@@ -102,7 +102,7 @@ def narrowest(columns, skeleton, anchor, limit_mm, px_mm, py_mm):  # type: ignor
     best = limit_mm
     for w in range(1, columns.shape[0] - 1):
         for y in range(1, columns.shape[1] - 1):
-            path = skeleton[w, y] & ~anchor[w, y]
+            path = paths[w, y]
             while path != U0:
                 x = w * 64 + lowest_bit(path)
                 path &= path - U1

@@ -19,7 +19,7 @@ from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import to_columns
 from layerfix.layers.components import label_runs, same_topology
-from layerfix.layers.correction import feature_radius_px
+from layerfix.layers.feature import feature_of_mm
 from layerfix.layers.morphology import HALF_WIDTHS, dilate_columns, disc_half_widths, erode_columns, working_box
 from layerfix.units import format_mm
 
@@ -218,7 +218,7 @@ def suggest_widths(
             f"widths from {format_mm(min_mm)}: that is under two pixels of {format_mm(max(stack.pixel_mm))};"
             " use smaller pixels or wider beads"
         )
-    discs = [disc_half_widths(*feature_radius_px(float(d), stack.pixel_mm)) for d in widths]
+    discs = [disc_half_widths(*feature_of_mm(float(d), stack.pixel_mm).radius_px) for d in widths]
     starts = np.concatenate([[0], np.cumsum([len(d) for d in discs])])
     limits_mm = np.maximum(widths / 4, loss_mm)
     frame_mm = float(np.hypot(stack.width * stack.pixel_mm[0], stack.height * stack.pixel_mm[1]))

@@ -165,9 +165,11 @@ def rewrite(path: Path, stack: LayerStack, options: WriteOptions) -> None:
             return container.encode(source.index, source.payload, rows, None)
         from layerfix.layers.greys import corrected_greys
 
-        radius_px = layer.change.radius_px if layer.change else (0.5, 0.5)
-        before = mirrored(source.seen, layer.width, container.mirror)
-        grey = corrected_greys(source.grey, before, rows, radius_px, container.threshold)
+        change = layer.change
+        paths = np.zeros_like(rows) if change is None or change.paths is None else change.paths
+        before, paths = (mirrored(seen, layer.width, container.mirror) for seen in (source.seen, paths))
+        radius_px = change.radius_px if change else (0.5, 0.5)
+        grey = corrected_greys(source.grey, before, rows, paths, radius_px, container.threshold)
         return container.encode(source.index, source.payload, rows, grey)
 
     with whole_file(path, force=options.force) as target:
