@@ -86,6 +86,19 @@ class Room:
             self._local.kept = kept = np.empty(needed + needed // 4, np.uint64)
         return list(kept[:needed].reshape(count, words, height))
 
+    def empty_images(self, count: int, shape: tuple[int, int]) -> NDArray[np.uint64]:
+        """(count, *shape) uint64, all 0, to be given back by `emptied`, all 0 again."""
+        needed = count * shape[0] * shape[1]
+        kept: NDArray[np.uint64] | None = getattr(self._local, "zeros", None)
+        self._local.zeros = None  # whoever has it may break off
+        if kept is None or len(kept) < needed:
+            kept = np.zeros(needed + needed // 4, np.uint64)
+        return kept[:needed].reshape(count, *shape)
+
+    def emptied(self, images: NDArray[np.uint64]) -> None:
+        """Take back what `empty_images` gave."""
+        self._local.zeros = images.base
+
 
 @njit(WORK(ROWS, BOX), cache=True, nogil=True)
 def to_columns(rows, outer):  # type: ignore[no-untyped-def]

@@ -62,7 +62,7 @@ def _corrected(
     fill_columns(rows, outer, solid)
     anchor_columns(solid, half_widths, *block, anchor, scratch)
     open_columns(anchor, half_widths, printed, scratch)
-    skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch)
+    skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch, room)
     if find_paths(solid, skeleton, anchor, printed, half_widths, *block, feature.by_size, paths):
         draw_paths(paths, printed, half_widths, *block, scratch)
     if add_only:

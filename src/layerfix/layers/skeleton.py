@@ -82,6 +82,7 @@ def skeleton_columns(
     spurs: Spurs,
     out: NDArray[np.uint64],
     scratch: NDArray[np.uint64],
+    room: Room,
 ) -> None:
     """out = M̂ of the columns `solid`, thinned around `anchor`."""
     np.copyto(out, solid)
@@ -90,7 +91,7 @@ def skeleton_columns(
         return
     from layerfix.layers.metric import thin_metric
 
-    thin_metric(out, anchor, feature)
+    thin_metric(out, anchor, feature, room)
 
 
 def meso_skeleton_rows(rows: Rows, width: int, feature: Feature, spurs: Spurs) -> Rows:
@@ -98,10 +99,11 @@ def meso_skeleton_rows(rows: Rows, width: int, feature: Feature, spurs: Spurs) -
     out = np.zeros_like(rows)
     outer = box_with_reach(rows, *feature.reach_px)
     if outer[1]:
-        solid, anchor, skeleton, scratch = Room().columns(outer, 4)
+        room = Room()
+        solid, anchor, skeleton, scratch = room.columns(outer, 4)
         fill_columns(rows, outer, solid)
         anchor_columns(solid, feature.half_widths, *feature.block, anchor, scratch)
-        skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch)
+        skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch, room)
         to_rows(skeleton, outer, width, out)
     return out
 

@@ -31,7 +31,7 @@ Q0, Q1 = np.uint8(0), np.uint8(1)
 
 
 @njit
-def _flag_blocks(words, flags):  # type: ignore[no-untyped-def]
+def flag_blocks(words, flags):  # type: ignore[no-untyped-def]
     """flags[b] = 1 if block b of `words` has any bit; True if one has."""
     any_bits = U0
     for b in range(flags.shape[0]):
@@ -49,7 +49,7 @@ def start_changes(columns, changed):  # type: ignore[no-untyped-def]
     changed[:] = Q0
     for w in range(1, columns.shape[0] - 1):
         for phase in range(3):
-            _flag_blocks(columns[w, 1 : columns.shape[1] - 1], changed[phase, w])
+            flag_blocks(columns[w, 1 : columns.shape[1] - 1], changed[phase, w])
 
 
 @njit(types.void(CHANGES, FLAGS), cache=True, nogil=True)
@@ -171,7 +171,7 @@ def sub_iteration(columns, anchor, phase, changed, active, gone):  # type: ignor
                 _first_pass(west, here, east, anchor[w, first:last], dead)
             else:
                 _second_pass(west, here, east, anchor[w, first:last], dead)
-            any_deleted |= _flag_blocks(dead, found[start:stop])
+            any_deleted |= flag_blocks(dead, found[start:stop])
             start, stop = _next_run(active[w], stop)
         _apply(columns[w - 1], gone[(w - 1) & 1], changed[phase, w - 1])
     _apply(columns[words - 2], gone[words & 1], changed[phase, words - 2])
@@ -237,8 +237,8 @@ def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[
             east = columns[w + 1, first - 1 : last + 1]
             dead, rest = gone[w & 1, first:last], ends[w, first:last]
             _end_points(west, here, east, anchor[w, first:last], rest, dead)
-            any_deleted |= _flag_blocks(dead, found[start:stop])
-            any_left |= _flag_blocks(rest, left[start:stop])  # from here on: blocks with ends left to try
+            any_deleted |= flag_blocks(dead, found[start:stop])
+            any_left |= flag_blocks(rest, left[start:stop])  # from here on: blocks with ends left to try
             start, stop = _next_run(left, stop)
         _apply(columns[w - 1], gone[(w - 1) & 1], changed[SPURS, w - 1])
     _apply(columns[words - 2], gone[words & 1], changed[SPURS, words - 2])
@@ -258,7 +258,7 @@ def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[
             east = columns[w + 1, first - 1 : last + 1]
             dead = gone[w & 1, first:last]
             _still_ends(west, here, east, ends[w, first:last], dead)
-            any_deleted |= _flag_blocks(dead, found[start:stop])
+            any_deleted |= flag_blocks(dead, found[start:stop])
             start, stop = _next_run(active[w], stop)
         _apply(columns[w - 1], gone[(w - 1) & 1], found_before)
         for b in range(found.shape[0]):

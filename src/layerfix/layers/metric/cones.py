@@ -1,0 +1,146 @@
+"""Significance: the pixels of S \\ A that deeper ones do not explain."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+
+from layerfix.bits import U0, U1, U63, WORK
+from layerfix.kernels import njit
+from layerfix.layers.metric.tiles import FLAGS, IMAGES, IMAGES_FLAGS, Q1, copy_live, grow, next_live, shrink, tile_rows
+from layerfix.layers.morphology import HALF_WIDTHS, erode_columns
+
+TABLE = types.Array(types.int64, 2, "C", readonly=True)
+NUMBERS = types.Array(types.int64, 1, "C", readonly=True)
+
+
+@njit(types.int64(WORK, TABLE, IMAGES, IMAGES_FLAGS), cache=True, nogil=True)
+def erosions(solid, levels, depths, live):  # type: ignore[no-untyped-def]
+    """depths[k] = S eroded by the k-th sum of elements; returns how many levels come before the first empty one."""
+    wide = np.empty(solid.shape[1], np.uint64)
+    copy_live(solid, depths[0], live[0])
+    for k in range(1, levels.shape[0]):
+        parent, element = levels[k]
+        if not shrink(depths[parent], live[parent], element, depths[k], live[k], wide):
+            return k
+    return levels.shape[0]
+
+
+@njit(types.int64(WORK, HALF_WIDTHS, NUMBERS, IMAGES, IMAGES_FLAGS, WORK, WORK), cache=True, nogil=True)
+def disc_erosions(solid, half_widths, starts, depths, live, eroded, scratch):  # type: ignore[no-untyped-def]
+    """The same by a disc for each level, where pixels are not square."""
+    copy_live(solid, depths[0], live[0])
+    for k in range(1, starts.shape[0] - 1):
+        erode_columns(solid, half_widths[starts[k] : starts[k + 1]], eroded, scratch)
+        copy_live(eroded, depths[k], live[k])
+        any_left = False
+        for w in range(live.shape[1]):
+            start, _ = next_live(live[k, w], 0)
+            any_left |= start < live.shape[2]
+        if not any_left:
+            return k
+    return starts.shape[0] - 1
+
+
+@njit
+def _join(source, live, target, target_live):  # type: ignore[no-untyped-def]
+    """target |= source."""
+    for w in range(1, source.shape[0] - 1):
+        start, stop = next_live(live[w], 0)
+        while start < stop:
+            first, last = tile_rows(start, source.shape[1]), tile_rows(stop, source.shape[1])
+            here, line = source[w, first:last], target[w, first:last]
+            for i in range(line.shape[0]):
+                line[i] |= here[i]
+            for t in range(start, stop):
+                target_live[w, t] = Q1
+            start, stop = next_live(live[w], stop)
+
+
+@njit
+def _take_unexplained(depths, live, k, top, explained, anchor, out):  # type: ignore[no-untyped-def]
+    """out |= the pixels between level k and the next that are neither explained nor anchored."""
+    height = anchor.shape[1]
+    for w in range(1, anchor.shape[0] - 1):
+        start, stop = next_live(live[k, w], 0)
+        while start < stop:
+            first, last = tile_rows(start, height), tile_rows(stop, height)
+            here, cone, fixed = depths[k, w, first:last], explained[w, first:last], anchor[w, first:last]
+            line = out[w, first:last]
+            if k + 1 < top:
+                deeper = depths[k + 1, w, first:last]
+                for i in range(line.shape[0]):
+                    line[i] |= here[i] & ~deeper[i] & ~cone[i] & ~fixed[i]
+            else:
+                for i in range(line.shape[0]):
+                    line[i] |= here[i] & ~cone[i] & ~fixed[i]
+            start, stop = next_live(live[k, w], stop)
+
+
+@njit(types.void(WORK, WORK, TABLE, NUMBERS, IMAGES, IMAGES_FLAGS, types.int64, IMAGES, IMAGES_FLAGS, WORK),
+      cache=True, nogil=True)  # fmt: skip
+def significant(solid, anchor, schedule, elements, depths, live, top, work, work_live, out):  # type: ignore[no-untyped-def]
+    """out = the pixels of S \\ A outside every cone. Levels from `top` on are empty; work: three empty images.
+
+    From the deepest level down, what explains (A first) is grown inside S, a step at a time, and what of the level it
+    has not reached is significant. A level joins what explains once the pixels looked at lie enough below it.
+    """
+    cones, grown, spare = work[0], work[1], work[2]
+    cones_live, grown_live, spare_live = work_live[0], work_live[1], work_live[2]
+    copy_live(anchor, cones, cones_live)
+    for w in range(out.shape[0]):
+        for y in range(out.shape[1]):
+            out[w, y] = U0
+    step = 0
+    for k in range(schedule.shape[0] - 1, -1, -1):
+        source, before, after = schedule[k]
+        if 0 <= source < top:
+            if before == 0:
+                _join(depths[source], live[source], cones, cones_live)
+            else:
+                for j in range(before):
+                    element = elements[(step + j) % elements.shape[0]]
+                    if j == 0:
+                        grow(depths[source], live[source], solid, element, grown, grown_live)
+                    else:
+                        grow(grown, grown_live, solid, element, spare, spare_live)
+                        grown, spare = spare, grown
+                        grown_live, spare_live = spare_live, grown_live
+                _join(grown, grown_live, cones, cones_live)
+        for _ in range(after):
+            grow(cones, cones_live, solid, elements[step % elements.shape[0]], grown, grown_live)
+            step += 1
+            cones, grown = grown, cones
+            cones_live, grown_live = grown_live, cones_live
+        if k < top:
+            _take_unexplained(depths, live, k, top, cones, anchor, out)
+
+
+@njit(types.void(WORK, WORK, WORK, WORK), cache=True, nogil=True)
+def tips(columns, significant_pixels, anchor, out):  # type: ignore[no-untyped-def]
+    """out = anchor, and the significant pixels left in `columns` whose neighbours lie within 90°: the ends of bars up to
+    three pixels wide. (Unless they are kept, Guo–Hall takes a pixel or two off those.)"""
+    words, height = columns.shape
+    for w in range(words):
+        out[w, 0] = anchor[w, 0]
+        out[w, height - 1] = anchor[w, height - 1]
+        if w == 0 or w == words - 1:
+            for y in range(height):
+                out[w, y] = anchor[w, y]
+            continue
+        west, here, east = columns[w - 1], columns[w], columns[w + 1]
+        kept, fixed, line = significant_pixels[w][1:], anchor[w][1:], out[w][1:]
+        for i in range(height - 2):
+            x3, c, x7 = here[i], here[i + 1], here[i + 2]
+            x4, x5, x6 = (
+                (x3 << U1) | (west[i] >> U63),
+                (c << U1) | (west[i + 1] >> U63),
+                (x7 << U1) | (west[i + 2] >> U63),
+            )
+            x2, x1, x8 = (
+                (x3 >> U1) | (east[i] << U63),
+                (c >> U1) | (east[i + 1] << U63),
+                (x7 >> U1) | (east[i + 2] << U63),
+            )
+            wider = (x1 & (x4 | x5 | x6)) | (x2 & (x5 | x6 | x7)) | (x3 & (x6 | x7 | x8)) | (x4 & (x7 | x8)) | (x5 & x8)
+            line[i] = fixed[i] | (c & kept[i] & ~wider & (x1 | x2 | x3 | x4 | x5 | x6 | x7 | x8))

@@ -1,0 +1,93 @@
+"""The metric rule, step by step, on one layer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import types
+
+from layerfix.bits import U0, WORK
+from layerfix.kernels import njit
+from layerfix.layers.columns import BLOCK
+from layerfix.layers.metric.cones import disc_erosions, erosions, significant, tips
+from layerfix.layers.metric.levels import plan_for
+from layerfix.layers.metric.retreat import retreat
+from layerfix.layers.metric.tiles import clear_live, tiles_of
+from layerfix.layers.thinning import FIRST, SECOND, flag_blocks, remove_spurs, start_changes, sub_iteration
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from layerfix.layers.columns import Room
+    from layerfix.layers.feature import Feature
+
+
+@njit(types.void(WORK, WORK, WORK, types.boolean, WORK), cache=True, nogil=True)
+def thin_protected(columns, anchor, protected, everywhere, scratch):  # type: ignore[no-untyped-def]
+    """Guo–Hall around `anchor` until nothing changes; ends go in each round, unless they are `protected`.
+
+    Unless `everywhere`, it begins only near what is protected and not anchored.
+    """
+    words, height = columns.shape
+    blocks = (height - 2) // BLOCK
+    changed = np.zeros((3, words, blocks), np.uint8)
+    active = np.zeros((words, blocks), np.uint8)
+    gone = np.zeros((2, height), np.uint64)
+    if everywhere:
+        start_changes(columns, changed)
+    else:
+        line = np.empty(height - 2, np.uint64)
+        for w in range(1, words - 1):
+            here, kept, fixed = columns[w][1:], protected[w][1:], anchor[w][1:]
+            for i in range(height - 2):
+                line[i] = here[i] & kept[i] & ~fixed[i]
+            flag_blocks(line, changed[0, w])
+    again = True
+    while again:
+        again = sub_iteration(columns, anchor, FIRST, changed, active, gone)
+        again = sub_iteration(columns, anchor, SECOND, changed, active, gone) or again
+        again = remove_spurs(columns, protected, changed, active, gone, scratch) or again
+
+
+@njit(types.boolean(WORK, WORK, WORK), cache=True, nogil=True)
+def _either(a, b, out):  # type: ignore[no-untyped-def]
+    """out = a ∪ b; True if b has anything."""
+    seen = U0
+    for w in range(a.shape[0]):
+        left, right, line = a[w], b[w], out[w]
+        for i in range(left.shape[0]):
+            line[i] = left[i] | right[i]
+            seen |= right[i]
+    return seen != U0
+
+
+def thin_metric(columns: NDArray[np.uint64], anchor: NDArray[np.uint64], feature: Feature, room: Room) -> None:
+    """Thin `columns` in place around `anchor` to the meso-skeleton whose ends are measured.
+
+    columns, anchor  (words, height) with an empty border, `layerfix.layers.columns`
+    room             its `empty_images` are used
+    """
+    plan = plan_for(*feature.radius_px)
+    shape = columns.shape
+    levels = len(plan.levels)
+    images = room.empty_images(levels + 3, shape)
+    live = np.zeros((levels + 3, shape[0], tiles_of(shape[1])), np.uint8)
+    depths, depths_live = images[:levels], live[:levels]
+    marked, kept, scratch = (np.empty(shape, np.uint64) for _ in range(3))
+    if plan.round:
+        top = erosions(columns, plan.levels, depths, depths_live)
+    else:
+        top = disc_erosions(columns, plan.half_widths, plan.starts, depths, depths_live, marked, scratch)
+    significant(
+        columns, anchor, plan.schedule, plan.elements, depths, depths_live, top, images[levels:], live[levels:], marked
+    )
+    _either(anchor, marked, kept)
+    thin_protected(columns, kept, kept, True, scratch)
+    fixed = np.empty(shape, np.uint64)
+    tips(columns, marked, anchor, fixed)
+    thin_protected(columns, fixed, kept, False, scratch)
+    retreat(columns, anchor, marked, depths, top, plan.offsets, plan.lengths, plan.outside,
+            plan.radius, plan.scale, plan.pixel)  # fmt: skip
+    clear_live(images, live)
+    room.emptied(images)
