@@ -1,0 +1,231 @@
+"""The metric rule once more, slow and plain (see `layerfix.layers.metric`): whole images and Python's own lists."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import ndimage
+
+from layerfix.layers.metric.levels import plan_for
+from layerfix.layers.metric.retreat import EVERY_PX, TIE_PX, TURN_PX
+from layerfix.layers.metric.tiles import CROSS, DISC3, HORIZONTAL, SQUARE, VERTICAL
+from layerfix.layers.morphology import disc_half_widths
+from tests.slow_twin import NEIGHBOURS, seen_at, spur_step, sub_iteration
+
+Y3, X3 = np.mgrid[-3:4, -3:4]
+ELEMENTS = {
+    CROSS: ndimage.generate_binary_structure(2, 1),
+    SQUARE: np.ones((3, 3), bool),
+    HORIZONTAL: np.ones((1, 3), bool),
+    VERTICAL: np.ones((3, 1), bool),
+    DISC3: X3**2 + Y3**2 <= 9,
+}
+
+
+def eroded(image: np.ndarray, element: np.ndarray) -> np.ndarray:
+    """S ⊖ element, outside is void."""
+    return ndimage.binary_erosion(image, element, border_value=0)
+
+
+def depth_levels(image: np.ndarray, rx: float, ry: float) -> list[np.ndarray]:
+    """The erosions of the plan, up to the first empty one."""
+    plan = plan_for(rx, ry)
+    depths = [image]
+    for k, (parent, element) in enumerate(plan.levels[1:], 1):
+        if plan.round:
+            level = eroded(depths[parent], ELEMENTS[element])
+        else:
+            half = plan.half_widths[plan.starts[k] : plan.starts[k + 1]]
+            y, x = np.mgrid[-len(half) + 1 : len(half), -half[0] : half[0] + 1]
+            level = eroded(image, abs(x) <= half[abs(y)])
+        if not level.any():
+            break
+        depths.append(level)
+    return depths
+
+
+def unexplained(image: np.ndarray, anchor: np.ndarray, depths: list[np.ndarray], rx: float, ry: float) -> np.ndarray:
+    """K: what no cone of the anchored and of deeper pixels reaches."""
+    plan = plan_for(rx, ry)
+    steps = [ELEMENTS[e] for e in plan.elements]
+    cones, out, step = anchor.copy(), np.zeros_like(image), 0
+    for k in reversed(range(len(plan.levels))):
+        source, before, after = plan.schedule[k]
+        if 0 <= source < len(depths):
+            grown = depths[source]
+            for j in range(before):
+                grown = ndimage.binary_dilation(grown, steps[(step + j) % len(steps)]) & image
+            cones = cones | grown
+        for _ in range(after):
+            cones = ndimage.binary_dilation(cones, steps[step % len(steps)]) & image
+            step += 1
+        if k < len(depths):
+            deeper = depths[k + 1] if k + 1 < len(depths) else np.zeros_like(image)
+            out |= depths[k] & ~deeper & ~cones & ~anchor
+    return out
+
+
+def thinned(image: np.ndarray, anchor: np.ndarray, protected: np.ndarray) -> np.ndarray:
+    """Guo–Hall around `anchor`, ends outside `protected` removed each round, until nothing changes."""
+    now, before = image, None
+    while before is None or not np.array_equal(now, before):
+        before = now
+        now = spur_step(sub_iteration(sub_iteration(now, anchor, 1), anchor, 2), protected)
+    return now
+
+
+def neighbours(image: np.ndarray, y: int, x: int) -> list[bool]:
+    """x1 … x8 of a pixel that is not at the frame's edge."""
+    return [bool(image[y + dy, x + dx]) for dx, dy in NEIGHBOURS]
+
+
+def crossing_number(around: list[bool]) -> int:
+    """Guo and Hall's X_H."""
+    return sum(not around[k] and (around[k + 1] or around[(k + 2) % 8]) for k in (0, 2, 4, 6))
+
+
+def tips(image: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Kept pixels that have neighbours, all of which lie within 90°."""
+    out = np.zeros_like(image)
+    for y, x in zip(*np.nonzero(image & kept), strict=True):
+        directions = np.flatnonzero(neighbours(image, y, x))
+        apart = [min((a - b) % 8, (b - a) % 8) for a in directions for b in directions]
+        out[y, x] = bool(len(directions)) and max(apart) <= 2
+    return out
+
+
+def distance_to_void(image: np.ndarray, sy: float, sx: float) -> np.ndarray:
+    """Of each pixel the distance to the nearest void pixel's centre."""
+    return np.asarray(ndimage.distance_transform_edt(image, sampling=(sy, sx)))
+
+
+def retreated(image: np.ndarray, anchor: np.ndarray, kept: np.ndarray, solid: np.ndarray, rx: float, ry: float) -> np.ndarray:
+    """Every end walked back until F just holds the balls of what it walked over."""
+    plan = plan_for(rx, ry)
+    (sy, sx), pixel, radius = plan.scale, plan.pixel, plan.radius
+    image, depth = image.copy(), distance_to_void(solid, sy, sx)
+
+    def simple(y: int, x: int) -> bool:
+        return bool(image[y, x] and not anchor[y, x]) and crossing_number(neighbours(image, y, x)) == 1
+
+    def may_go(y: int, x: int) -> bool:
+        return not anchor[y, x] and crossing_number(neighbours(image, y, x)) == 1
+
+    def around(y: int, x: int) -> list[tuple[int, int]]:
+        return [(y + dy, x + dx) for dx, dy in NEIGHBOURS if image[y + dy, x + dx]]
+
+    def demand(balls: list[tuple[int, int, float]], y: int, x: int) -> float:
+        return max((rho + math.sqrt((sy * (v - y)) ** 2 + (sx * (u - x)) ** 2) for v, u, rho in balls), default=0.0)
+
+    width = (image.shape[1] + 63) // 64  # the order of the columns of words: from the left, each from the top
+    at_first = [(y, x) for w in range(width) for y in range(image.shape[0]) for x in range(64 * w, min(64 * w + 64, image.shape[1]))
+                if simple(y, x)]  # fmt: skip
+    ends: list[tuple[int, int, float, list[tuple[int, int, float]]]] = []
+    for y, x in at_first:
+        if not simple(y, x):
+            continue
+        beside = around(y, x)
+        if len(beside) == 1:
+            v, u = beside[0]
+            if not (anchor[v, u] or len(around(v, u)) > 2):
+                ends.append((y, x, 0.0, []))
+                continue
+        image[y, x] = False
+        ends += [(v, u, 0.0, []) for v, u in beside if may_go(v, u)]
+    left_at: dict[tuple[int, int], list[tuple[int, int, float]]] = {}
+    limit = 0.0
+    while ends:
+        limit += TURN_PX * pixel
+        later = []
+        for y, x, waits, balls in ends:  # grows while it is walked
+            if waits > limit:
+                later.append((y, x, waits, balls))
+                continue
+            while True:
+                balls = balls + left_at.pop((y, x), [])
+                if not image[y, x] or anchor[y, x]:
+                    break
+                if crossing_number(neighbours(image, y, x)) != 1:
+                    left_at[y, x] = balls
+                    break
+                far = not balls or (sy * (balls[0][0] - y)) ** 2 + (sx * (balls[0][1] - x)) ** 2 >= (EVERY_PX * pixel) ** 2
+                if far and kept[y, x]:
+                    balls = [(y, x, min(max(depth[y, x] - pixel / 2, 0.0), radius)), *balls]
+                now = demand(balls, y, x)
+                if now > limit:
+                    later.append((y, x, now, balls))
+                    break
+                beside = around(y, x)
+                best = min(beside, key=lambda p: demand(balls, *p))  # the first of equals
+                if now + demand(balls, *best) > 2 * radius + TIE_PX * pixel:
+                    left_at[y, x] = balls
+                    break
+                image[y, x] = False
+                if len(beside) > 1:
+                    ends += [(v, u, 0.0, []) for v, u in beside if (v, u) != best and may_go(v, u)]
+                y, x = best
+        ends = later
+    return image
+
+
+def thin_metric(image: np.ndarray, anchor: np.ndarray, rx: float, ry: float) -> np.ndarray:
+    """S thinned around an anchor by the metric rule."""
+    pad = ((4, 4), (64, 64))
+    solid, fixed = np.pad(image, pad), np.pad(anchor, pad)
+    depths = depth_levels(solid, rx, ry)
+    kept = unexplained(solid, fixed, depths, rx, ry)
+    once = thinned(solid, fixed | kept, fixed | kept)
+    twice = thinned(once, fixed | tips(once, kept & ~fixed), fixed | kept)
+    result = retreated(twice, fixed, kept, solid, rx, ry)
+    return result[4:-4, 64:-64]
+
+
+def feature_offsets(dx: float, dy: float) -> list[tuple[int, int]]:
+    """F by size: offsets (x, y) whose centres lie within d/2 of a pixel's centre or of its south-east corner, and the
+    whole middle row and column."""
+    wide, high = math.floor(dx + 0.5 + 1e-9), math.floor(dy + 0.5 + 1e-9)
+    cx, cy = 0.5 * (wide % 2 == 0), 0.5 * (high % 2 == 0)
+    west, north = -((wide - 1) // 2), -((high - 1) // 2)
+    return [
+        (x, y)
+        for y in range(north, north + high)
+        for x in range(west, west + wide)
+        if ((x - cx) / (dx / 2)) ** 2 + ((y - cy) / (dy / 2)) ** 2 <= 1 + 1e-9
+        or abs(x - cx) == cx or abs(y - cy) == cy
+    ]  # fmt: skip
+
+
+def moved_and(image: np.ndarray, offsets: list[tuple[int, int]]) -> np.ndarray:
+    """Pixels p with every p + offset solid."""
+    return np.all([seen_at(image, *offset) for offset in offsets], axis=0)
+
+
+def moved_or(image: np.ndarray, offsets: list[tuple[int, int]]) -> np.ndarray:
+    """Pixels p - offset … that is, the image drawn with every offset."""
+    return np.any([seen_at(image, -dx, -dy) for dx, dy in offsets], axis=0)
+
+
+def opening(image: np.ndarray, dx: float, dy: float) -> np.ndarray:
+    """S ∘ F, F by size."""
+    offsets = feature_offsets(dx, dy)
+    return moved_or(moved_and(image, offsets), offsets)
+
+
+def anchor_of(image: np.ndarray, dx: float, dy: float) -> np.ndarray:
+    """A = (S ⊖ F) ⊕ block."""
+    offsets = feature_offsets(dx, dy)
+    block = [(x, y) for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)) if (x == 0 or max(o[0] for o in offsets) > -min(o[0] for o in offsets))
+             and (y == 0 or max(o[1] for o in offsets) > -min(o[1] for o in offsets))]  # fmt: skip
+    return moved_or(moved_and(image, offsets), block)
+
+
+def corrected(image: np.ndarray, dx: float, dy: float, skeleton: np.ndarray) -> np.ndarray:
+    """As printed with F by size: S ∘ F and the paths of M̂ that have something to add, drawn with F."""
+    offsets = feature_offsets(dx, dy)
+    kept = opening(image, dx, dy)
+    needed = moved_and(~(image & ~kept), offsets)
+    paths = skeleton & ~anchor_of(image, dx, dy) & ~needed
+    return kept | moved_or(paths, offsets)
+
+
