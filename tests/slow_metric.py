@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from layerfix.layers.metric.levels import plan_for
-from layerfix.layers.metric.retreat import EVERY_PX, TIE_PX, TURN_PX
+from layerfix.layers.metric.retreat import EVERY_PX, INSIDE_PX, OFF_AXIS_PX, TIE_PX, TURN_PX
 from layerfix.layers.metric.tiles import CROSS, DISC3, HORIZONTAL, SQUARE, VERTICAL
 from layerfix.layers.morphology import disc_half_widths
 from tests.slow_twin import NEIGHBOURS, seen_at, spur_step, sub_iteration
@@ -151,7 +151,8 @@ def retreated(image: np.ndarray, anchor: np.ndarray, kept: np.ndarray, solid: np
                     break
                 far = not balls or (sy * (balls[0][0] - y)) ** 2 + (sx * (balls[0][1] - x)) ** 2 >= (EVERY_PX * pixel) ** 2
                 if far and kept[y, x]:
-                    balls = [(y, x, min(max(depth[y, x] - pixel / 2, 0.0), radius)), *balls]
+                    off_axis = OFF_AXIS_PX if depth[y, x] > INSIDE_PX * pixel else 0.0
+                    balls = [(y, x, min(depth[y, x] + (off_axis - 0.5) * pixel, radius)), *balls]
                 now = demand(balls, y, x)
                 if now > limit:
                     later.append((y, x, now, balls))

@@ -116,14 +116,14 @@ class _Correction:
         if found is None:
             return replace(layer, change=Change(0, 0, 0, None, feature.radius_px))
         rows, outer, solid_columns, path_columns = found
-        limit_mm = max(n * p for n, p in zip(feature.size_px, pixel_mm, strict=True))
-        thinnest_mm: float = narrowest(solid_columns, path_columns, limit_mm, *pixel_mm)
+        feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
+        thinnest_mm: float = narrowest(solid_columns, path_columns, feature_mm, *pixel_mm)
         solid, added, removed = _count_changes(layer.rows, rows)
         paths = None
         if layer.source is not None:
             paths = np.zeros_like(rows)
             to_rows(path_columns, outer, layer.width, paths)
-        change = Change(solid, added, removed, thinnest_mm if thinnest_mm < limit_mm else None, feature.radius_px, paths)
+        change = Change(solid, added, removed, thinnest_mm if thinnest_mm < np.inf else None, feature.radius_px, paths)
         return replace(layer, rows=rows, change=change)
 
 

@@ -9,6 +9,13 @@ from layerfix.bits import ALL, U0, U1, WORK, lowest_bit
 from layerfix.kernels import njit
 
 SIGHT_PX = 31  # how far a look at one word sees to either side
+DOUBT_PX = 1.2  # what a first look may be off by
+PLACES = 256  # measured at most
+APART_PX = 3  # at least
+DIRECTIONS = 36
+RAY_PX = 0.6  # half the breadth of a look in one direction
+LONE_PX = 1.3  # mean width of what is a pixel or two
+SMALL_PIN, ROUND_PIN = 1.8, 1.25  # most over least width of what is a pin, under five pixels and above
 
 
 @njit
@@ -91,22 +98,124 @@ def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def
     return min(best, max(near + far - np.hypot(ux * px_mm, uy * py_mm), min(px_mm, py_mm)))
 
 
+@njit
+def _edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+    """(farthest solid, nearest void) pixel centre from the point (y, x) along the direction u, in mm, among those up to
+    `along_mm` to either side of it and `beyond_mm` away."""
+    solid, void = 0.0, np.inf
+    reach_y = (beyond_mm * abs(uy) + along_mm * abs(ux)) / py_mm
+    reach_x = (beyond_mm * abs(ux) + along_mm * abs(uy)) / px_mm
+    for v in range(int(np.floor(y - reach_y)), int(y + reach_y) + 2):
+        for u in range(int(np.floor(x - reach_x)), int(x + reach_x) + 2):
+            dx_mm, dy_mm = (u - x) * px_mm, (v - y) * py_mm
+            away = ux * dx_mm + uy * dy_mm
+            if 0 < away <= beyond_mm and abs(uy * dx_mm - ux * dy_mm) <= along_mm:
+                if _solid(columns, v, u):
+                    solid = max(solid, away)
+                else:
+                    void = min(void, away)
+    return solid, void
+
+
+@njit
+def _chords_mm(columns, y, x, beyond_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+    """(least, most, mean) width through the point (y, x) in all directions, and the middle of the edges (y, x)."""
+    ray_mm = RAY_PX * max(px_mm, py_mm)
+    least, most, total, middle_y, middle_x = np.inf, 0.0, 0.0, 0.0, 0.0
+    for k in range(DIRECTIONS):
+        ux, uy = np.cos(np.pi * k / DIRECTIONS), np.sin(np.pi * k / DIRECTIONS)
+        solid, void = _edges_mm(columns, y, x, ux, uy, beyond_mm, ray_mm, px_mm, py_mm)
+        far_solid, far_void = _edges_mm(columns, y, x, -ux, -uy, beyond_mm, ray_mm, px_mm, py_mm)
+        across, off = (solid + void + far_solid + far_void) / 2, (solid + void - far_solid - far_void) / 2
+        least, most, total = min(least, across), max(most, across), total + across
+        middle_y, middle_x = middle_y + off * uy, middle_x + off * ux
+    return least, most, total / DIRECTIONS, y + middle_y / DIRECTIONS / py_mm, x + middle_x / DIRECTIONS / px_mm
+
+
+@njit
+def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+    """Width across (y, x) from both edges, each half-way between the last solid and the first void pixel centre.
+
+    Over as long a stretch, and in the direction, in which the solid and the void are most nearly parted by two lines:
+    walls are measured along several pixels, necks along few. (Half-way also holds a few degrees off.) A pin, about as
+    wide in all directions from its middle, is as wide as they are on average.
+    """
+    pixel_mm = max(px_mm, py_mm)
+    beyond_mm = rough_mm + 1.5 * pixel_mm  # a path may run along one side
+    least, most, mean, middle_y, middle_x = _chords_mm(columns, float(y), float(x), beyond_mm, px_mm, py_mm)
+    if most < np.inf:
+        least, most, mean, _, _ = _chords_mm(columns, middle_y, middle_x, beyond_mm, px_mm, py_mm)
+        if most < np.inf and most <= least * (SMALL_PIN if mean < 5 * pixel_mm else ROUND_PIN):
+            return mean if mean > LONE_PX * pixel_mm else least
+    width_mm = rough_mm
+    for halvings in range(4):
+        along_mm = max(rough_mm / 2**halvings, RAY_PX * pixel_mm)
+        parted = -np.inf
+        for k in range(DIRECTIONS):
+            ux, uy = np.cos(np.pi * k / DIRECTIONS), np.sin(np.pi * k / DIRECTIONS)
+            solid, void = _edges_mm(columns, float(y), float(x), ux, uy, beyond_mm, along_mm, px_mm, py_mm)
+            far_solid, far_void = _edges_mm(columns, float(y), float(x), -ux, -uy, beyond_mm, along_mm, px_mm, py_mm)
+            gap = min(void - solid, far_void - far_solid)
+            if parted < gap < np.inf and void + far_void < np.inf:
+                parted, width_mm = gap, (solid + void + far_solid + far_void) / 2
+        if parted >= 0:
+            break
+    return width_mm
+
+
+@njit
+def _make_room(rough_mm, spots, limit_mm):  # type: ignore[no-untyped-def]
+    """Keep the places below the limit; if that are too many, every other one. Returns how many are left."""
+    count = 0
+    for k in range(rough_mm.shape[0]):
+        if rough_mm[k] < limit_mm:
+            rough_mm[count], spots[count, 0], spots[count, 1] = rough_mm[k], spots[k, 0], spots[k, 1]
+            count += 1
+    if count > rough_mm.shape[0] // 2:
+        count //= 2
+        for k in range(count):
+            rough_mm[k], spots[k, 0], spots[k, 1] = rough_mm[2 * k], spots[2 * k, 0], spots[2 * k, 1]
+    return count
+
+
 @njit(types.float64(WORK, WORK, types.float64, types.float64, types.float64), cache=True, nogil=True)
 def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
-    """Width in mm of S at the narrowest pixel of the skeletal paths; `limit_mm` if none is below.
+    """Width in mm of S at the narrowest pixel of the skeletal paths, at most `limit_mm`; inf without a path.
 
-    The width at a pixel is the distance to the nearest void pixel plus that to the void straight across,
-    less one pixel. A pixel whose nearest void is too far to beat the best so far costs a few words, and
-    nothing is narrower than a pixel.
+    A first look takes the distance to the nearest void pixel and to the void straight across; a pixel whose nearest
+    void is too far to beat the best so far costs a few words. What may be the narrowest place is then measured, every
+    few pixels (`_between_edges_mm`). Nothing is narrower than a pixel.
     """
-    best = limit_mm
+    doubt_mm = DOUBT_PX * max(px_mm, py_mm)
+    beyond_mm = limit_mm + 2 * doubt_mm
+    best = beyond_mm
+    rough_mm, spots = np.empty(PLACES), np.empty((PLACES, 2), np.int64)
+    count = 0
+    any_path = False
     for w in range(1, columns.shape[0] - 1):
         for y in range(1, columns.shape[1] - 1):
             path = paths[w, y]
             while path != U0:
                 x = w * 64 + lowest_bit(path)
                 path &= path - U1
-                best = min(best, _width_mm(columns, y, x, best, px_mm, py_mm))
-                if best <= min(px_mm, py_mm):
-                    return best
-    return best
+                any_path = True
+                limit = min(beyond_mm, best + doubt_mm)
+                wide = _width_mm(columns, y, x, limit, px_mm, py_mm)
+                if wide >= limit:
+                    continue
+                best = min(best, wide)
+                last = count - 1
+                if count and max(abs(spots[last, 0] - y), abs(spots[last, 1] - x)) < APART_PX and wide >= rough_mm[last]:
+                    continue
+                if count == PLACES:
+                    count = _make_room(rough_mm, spots, best + doubt_mm)
+                rough_mm[count], spots[count, 0], spots[count, 1] = wide, y, x
+                count += 1
+    if not any_path:
+        return np.inf
+    width_mm = limit_mm
+    for k in range(count):
+        if rough_mm[k] < best + doubt_mm:
+            wide = _between_edges_mm(columns, spots[k, 0], spots[k, 1], rough_mm[k], px_mm, py_mm)
+            width_mm = min(width_mm, max(wide, min(px_mm, py_mm)))
+    return width_mm

@@ -18,6 +18,7 @@ from layerfix.kernels import njit
 from layerfix.layers.metric.cones import NUMBERS, TABLE
 from layerfix.layers.metric.tiles import IMAGES
 
+INSIDE_PX, OFF_AXIS_PX = 1.3, 0.1  # balls of pixels deeper than this are larger: paths run up to half a pixel off the axis
 TIE_PX = 0.1  # favours walking on where two stops are about equally good
 EVERY_PX = 4.0  # an end takes on the ball of a significant pixel this often
 TURN_PX = 2.0  # how much demand a turn lets all ends grow to
@@ -270,7 +271,8 @@ def retreat(columns, anchor, significant_pixels, depths, top, offsets, lengths, 
                             balls, radii, following = _twice(balls, radii, following)
                         balls[ball, 0], balls[ball, 1], following[ball] = y, x, head
                         depth = _depth(depths, top, offsets, lengths, outside, y, x)
-                        radii[ball] = min(max(depth - pixel / 2, 0.0), radius)
+                        off_axis = OFF_AXIS_PX if depth > INSIDE_PX * pixel else 0.0
+                        radii[ball] = min(depth + (off_axis - 0.5) * pixel, radius)
                         head = ball
                         ball += 1
                     now = _demand(balls, radii, following, head, y, x, scale)
