@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from layerfix import Layer, LayerStack, correct, correct_image, meso_skeleton, slice_mesh
 from layerfix.errors import InputError
-from layerfix.layers.correction import MODES, feature_radius_px
+from layerfix.layers.correction import MODES
+from layerfix.layers.feature import feature_of_mm
 from layerfix.samples import sample
 from tests import slow_twin
 from tests.pictures_as_text import KINDS, block, drawing, framed, images, picture, radii, round_dot, strip
@@ -81,11 +82,11 @@ def test_equals_the_twin_on_wide_images(image, radius, mode):
 
 @given(images(widths=st.integers(2, 130), heights=st.integers(2, 40)), radii(1, 7), any_mode)
 def test_correct_does_to_a_stack_what_correct_image_does_to_an_image(image, radius, mode):
-    """The feature in mm over the pitch gives the radii; the change is counted to the pixel."""
+    """The feature in mm over the pitch is its size in px; the change is counted to the pixel."""
     rx, ry = radius
     assume(not (2 * rx > image.shape[1] and 2 * ry > image.shape[0]))
     layer = correct(stack_of(image, pixel_mm=(0.6 / rx, 0.6 / ry)), min_feature_mm=1.2, mode=mode)[0]
-    expected = correct_image(image, (1.2 / 2 / (0.6 / rx), 1.2 / 2 / (0.6 / ry)), mode)
+    expected = correct_image(image, mode=mode, min_feature_px=(1.2 / (0.6 / rx), 1.2 / (0.6 / ry)))
     assert_same(layer.image(), expected)
     change = layer.change
     assert (change.solid_px, change.added_px, change.removed_px) == (
@@ -256,7 +257,7 @@ def test_law_6_any_number_of_workers_gives_the_same_bits(mode):
     layers = [KINDS[kind](random, 90, 130) for kind in [*KINDS] * 4]
     stack = stack_of(*layers)
     fixed = correct(stack, min_feature_mm=7, mode=mode)
-    expected = [correct_image(image, 3.5, mode) for image in layers]
+    expected = [correct_image(image, mode=mode, min_feature_px=7) for image in layers]
     changes = [layer.change for layer in fixed.with_workers(1)]
     for workers in (1, 2, 8):
         made = list(fixed.with_workers(workers))
@@ -349,7 +350,7 @@ def test_a_wide_block_loses_only_corners_as_printed_and_nothing_with_add_only():
     y, x = np.nonzero(gone)
     from_edge = np.minimum(y - 2, 10 - y) + np.minimum(x - 2, 13 - x)
     assert from_edge.max() <= 2
-    assert correct(stack_of(image), min_feature_mm=6)[0].change.removed_px == 20
+    assert correct(stack_of(image), min_feature_mm=6)[0].change.removed_px == 4  # F of 6 px is rounder than a square
 
 
 def test_a_thin_ring_keeps_its_hole():
@@ -418,8 +419,8 @@ def test_correcting_a_corrected_layer_hardly_changes_it(mode):
 
 def test_the_radii_are_half_the_feature_over_the_pitch():
     """Each axis has its own."""
-    assert feature_radius_px(0.4, (0.05, 0.05)) == pytest.approx((4, 4))
-    assert feature_radius_px(0.114, (0.019, 0.024)) == pytest.approx((3, 2.375))
+    assert feature_of_mm(0.4, (0.05, 0.05)).radius_px == pytest.approx((4, 4))
+    assert feature_of_mm(0.114, (0.019, 0.024)).radius_px == pytest.approx((3, 2.375))
 
 
 @pytest.mark.parametrize("feature_mm", [0, -0.4, float("nan"), float("inf")])
@@ -443,8 +444,8 @@ def test_a_feature_under_two_pixels_is_refused(feature_mm, pixel_mm, message):
 
 
 def test_a_feature_of_exactly_two_pixels_is_taken():
-    """0.3 mm over pixels of 0.15 mm is a radius of one pixel, rounding or not."""
-    assert correct(stack_of(block(1, 1, 4), pixel_mm=0.15), min_feature_mm=0.3)[0].count_px() == 5
+    """0.3 mm over pixels of 0.15 mm is two pixels, rounding or not."""
+    assert correct(stack_of(block(1, 1, 4), pixel_mm=0.15), min_feature_mm=0.3)[0].count_px() == 4
 
 
 def test_a_feature_larger_than_the_layer_is_refused():
@@ -465,11 +466,11 @@ def test_an_unknown_mode_lists_the_known(mode):
 
 def test_an_unknown_spur_rule_lists_the_known():
     """For stacks and for images."""
-    message = r"spurs='metric' is not known; choose from paper"
+    message = r"spurs='sharp' is not known; choose from metric, paper"
     with pytest.raises(InputError, match=message):
-        correct(stack_of(block(9, 9, 4)), min_feature_mm=4, spurs="metric")
+        correct(stack_of(block(9, 9, 4)), min_feature_mm=4, spurs="sharp")
     with pytest.raises(InputError, match=message):
-        correct_image(block(9, 9, 4), 2, spurs="metric")
+        correct_image(block(9, 9, 4), 2, spurs="sharp")
 
 
 def test_bad_values_are_refused_before_any_layer_is_made():

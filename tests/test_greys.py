@@ -11,6 +11,8 @@ from scipy import ndimage
 from layerfix.bits import pack, unpack
 from layerfix.layers.correction import correct_image
 from layerfix.layers.greys import corrected_greys, disc_coverage, solid_rows
+from layerfix.layers.skeleton import meso_skeleton
+from tests import slow_twin
 
 ALL_AROUND = np.ones((3, 3))
 WIDTHS = (1, 63, 64, 65, 100, 128, 130)
@@ -112,7 +114,8 @@ def drawn_in(
     """(what was solid, what is to be, the corrected greys)."""
     before = solid(grey, threshold)
     after = correct_image(before, radius, mode)
-    return before, after, corrected_greys(grey, pack(before), pack(after), radius, threshold)
+    paths = meso_skeleton(before, radius) & ~slow_twin.erosion(before, *radius)
+    return before, after, corrected_greys(grey, pack(before), pack(after), pack(paths), radius, threshold)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +183,7 @@ def test_nothing_to_add_changes_nothing():
     """The greys are the same, in an array of their own."""
     grey = soft(np.pad(np.ones((12, 60), bool), 8))
     before = solid_rows(grey, 128, 32)
-    out = corrected_greys(grey, before, before, (3.0, 3.0), 128)
+    out = corrected_greys(grey, before, before, np.zeros_like(before), (3.0, 3.0), 128)
     assert np.array_equal(out, grey)
     assert out is not grey
 

@@ -210,7 +210,7 @@ def test_a_radius_is_one_or_two_numbers_above_0(radius):
 
 def test_an_unknown_spur_rule_lists_the_known():
     """The message names the rule and the choices."""
-    with pytest.raises(InputError, match=r"spurs='sharp' is not known; choose from paper"):
+    with pytest.raises(InputError, match=r"spurs='sharp' is not known; choose from metric, paper"):
         meso_skeleton(np.ones((3, 3), bool), 1, spurs="sharp")
 
 

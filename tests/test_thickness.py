@@ -1,4 +1,4 @@
-"""`Change.thinnest_mm`: the width of the narrowest thing that needed help, within a pixel."""
+"""`Change.thinnest_mm`: the width of the narrowest thing that needed help, within half a pixel."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from layerfix import LayerStack, correct, correct_image, meso_skeleton
+from layerfix import LayerStack, correct, correct_image
 from layerfix.bits import pack
 from layerfix.layers.columns import bounding_box, to_columns, with_border
 from layerfix.layers.thickness import narrowest
-from tests import slow_twin
+from tests import slow_metric
 from tests.pictures_as_text import block, framed, images, round_dot, strip
 
 ANGLES = np.arange(0, 90.1, 7.5)
@@ -30,17 +30,18 @@ def thinnest_mm(image: np.ndarray, min_feature_mm: float, pixel_mm: tuple[float,
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("width", range(3, 10))
 def test_a_wall_in_any_direction_is_as_wide_as_it_is_drawn(width, degrees):
-    """3 to 9 px at every 7.5°, measured within a pixel (and a little more where pixels lie corner to corner)."""
-    assert thinnest_mm(strip(width, degrees), 14) == pytest.approx(width, abs=1.1)
+    """3 to 9 px at every 7.5°, measured within half a pixel of what is drawn."""
+    # along the diagonal rows of pixels lie 0.7 px apart: walls are drawn up to a third of a pixel off
+    assert thinnest_mm(strip(width, degrees), 14) == pytest.approx(width, abs=0.85 if degrees == 45 else 0.5)
 
 
 @pytest.mark.parametrize("pixel", [PANEL, PANEL[::-1]], ids=["19x24", "24x19"])
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("width", range(3, 10))
 def test_pixels_that_are_not_square_are_measured_in_mm(width, degrees, pixel):
-    """19 × 24 µm pixels: within 24 µm of the wall as drawn, at every 7.5°."""
+    """19 × 24 µm pixels: within 12.5 µm of the wall as drawn, at every 7.5°."""
     image = strip(width * 0.024, degrees, length=80 * 0.019, pixel=pixel)
-    assert thinnest_mm(image, 14 * 0.024, pixel) == pytest.approx(width * 0.024, abs=0.024)
+    assert thinnest_mm(image, 14 * 0.024, pixel) == pytest.approx(width * 0.024, abs=0.0125)
 
 
 @given(
@@ -50,11 +51,11 @@ def test_pixels_that_are_not_square_are_measured_in_mm(width, degrees, pixel):
     st.floats(1.2, 2),
 )
 def test_any_wall_within_a_pixel(width, degrees, pixel, wider):
-    """Any width and angle: within a pixel, the longer side counts."""
+    """Any width and angle: within half a pixel, the longer side counts, and what the raster makes of the width."""
     unit = max(pixel)
     image = strip(width * unit, degrees, length=80 * min(pixel), pixel=pixel)
     said = thinnest_mm(image, max(2, width * wider) * unit + 2 * unit, pixel)
-    assert said == pytest.approx(width * unit, abs=1.1 * unit)  # 1.07 at 45°, where rows of pixels lie 0.7 px apart
+    assert said == pytest.approx(width * unit, abs=0.75 * unit)  # along the grid it is drawn half a pixel off
 
 
 @pytest.mark.parametrize("width", range(1, 8))
@@ -64,11 +65,11 @@ def test_a_straight_wall_is_measured_to_the_pixel(width, turned):
     assert thinnest_mm(turned(block(width, 150, 12)), 10) == width
 
 
-@pytest.mark.parametrize("diameter", [1, 3, 5, 7, 9])
+@pytest.mark.parametrize("diameter", range(1, 12))
 def test_a_pin_is_as_wide_as_it_is_drawn(diameter):
-    """Round pins within a pixel; one of a single pixel is one pixel."""
-    said = thinnest_mm(round_dot(diameter / 2, 41), 12)
-    assert said == pytest.approx(diameter, abs=1)
+    """Round pins within half a pixel; one of a single pixel is one pixel."""
+    said = thinnest_mm(round_dot(diameter / 2, 41), 14)
+    assert said == pytest.approx(diameter, abs=0.5)
     assert diameter > 1 or said == 1
 
 
@@ -87,7 +88,7 @@ def test_a_pin_of_one_panel_pixel_is_its_shorter_side():
 @pytest.mark.parametrize("side", [2, 3, 4, 6])
 def test_a_square_pin_is_as_wide_as_its_side(side):
     """Not as its diagonal."""
-    assert thinnest_mm(block(side, side, 12), 10) == pytest.approx(side, abs=1)
+    assert thinnest_mm(block(side, side, 12), 10) == pytest.approx(side, abs=0.55)
 
 
 def test_the_narrowest_of_several_counts():
@@ -141,22 +142,21 @@ def test_the_corners_of_a_wide_block_are_not_thin(degrees):
 
 
 def test_a_wall_wide_enough_is_none_and_one_too_thin_is_not():
-    """F of diameter 8 px (radius 4) fits into a wall of 9 px, and not into one of 7."""
-    assert thinnest_mm(block(9, 60, 8), 8) is None
+    """F of 8 px fits into a wall of 8 px, and not into one of 7."""
+    assert thinnest_mm(block(8, 60, 8), 8) is None
     assert thinnest_mm(block(7, 60, 8), 8) == 7
 
 
 @settings(max_examples=150)
 @given(images(heights=st.integers(1, 60), widths=st.integers(1, 150)), st.floats(1, 6))
-def test_it_is_none_without_a_skeletal_path_and_else_between_a_pixel_and_the_feature(image, radius):
-    """On anything: at least a pixel and, give or take two, at most the feature."""
+def test_it_is_none_where_nothing_is_added_and_else_between_a_pixel_and_the_feature(image, radius):
+    """On anything: at least a pixel, never above the feature, and nothing where S ∘ F is all there is to print."""
     assume(2 * radius <= max(image.shape))
     said = thinnest_mm(image, 2 * radius)
-    path = meso_skeleton(image, radius) & ~slow_twin.erosion(image, radius, radius)
-    if not path.any():
-        assert said is None
+    printed = correct_image(image, min_feature_px=2 * radius)
+    assert (said is None) == np.array_equal(printed, slow_metric.opening(image, 2 * radius, 2 * radius))
     if said is not None:
-        assert 1 <= said <= 2 * radius + 2
+        assert 1 <= said <= 2 * radius
 
 
 @settings(max_examples=150)
@@ -171,10 +171,13 @@ def test_a_path_one_pixel_wide_is_found(image, radius):
 
 
 def measured(image: np.ndarray, limit_mm: float, pixel_mm: tuple[float, float]) -> float:
-    """The kernel alone: every pixel of `image` is a path, none is anchored."""
-    rows = pack(image)
-    columns = to_columns(rows, with_border(bounding_box(rows), 0, 0))
-    return float(narrowest(columns, columns, np.zeros_like(columns), limit_mm, *pixel_mm))
+    """The kernel alone: a path of every pixel in the middle third of a wall."""
+    rows, middle = pack(image), np.zeros_like(image)
+    y, x = np.nonzero(image)
+    thirds = tuple(slice(v.min() + len(set(v)) // 3, v.max() + 1 - len(set(v)) // 3) for v in (y, x))
+    middle[thirds] = image[thirds]
+    outer = with_border(bounding_box(rows), 0, 0)
+    return float(narrowest(to_columns(rows, outer), to_columns(pack(middle), outer), limit_mm, *pixel_mm))
 
 
 @pytest.mark.parametrize("pixel_mm", [(1.0, 1.0), (0.5, 1.0), (1.0, 0.5), (0.019, 0.024)])
