@@ -181,7 +181,7 @@ def thin_part() -> Mesh:
 
 def corrected_on_panel(image: np.ndarray, radius_px: tuple[float, float], mode: str) -> np.ndarray:
     """(H, W) bool: what a panel mirrored along x shows of a correction, from what it showed before."""
-    return correct_image(image[:, ::-1], radius_px, mode)[:, ::-1]
+    return correct_image(image[:, ::-1], mode=mode, min_feature_px=(2 * radius_px[0], 2 * radius_px[1]))[:, ::-1]
 
 
 def write_stl(path: Path, mesh: Mesh) -> Path:

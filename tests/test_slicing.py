@@ -187,7 +187,7 @@ def test_unions_of_boxes_are_what_their_voxels_are(blocks, step, fill):
     lowest = min(low[2] for low, _, _ in corners)
     if max(high[2] for _, high, _ in corners) - lowest < 2:
         return  # not as high as half a layer: refused, see below
-    stack = slice_mesh(mesh, pixel_mm=step[:2], layer_mm=step[2], margin_mm=0, fill=fill)
+    stack = slice_mesh(mesh, pixel_mm=step[:2], layer_mm=step[2], margin_mm=0, fill=fill, hairlines=False)
     left, top = round(stack.origin_mm[0] / step[0]), round(stack.origin_mm[1] / step[1])
     x = 2 * (left + np.arange(stack.width)) + 1
     y = 2 * (top - np.arange(stack.height)) - 1
@@ -216,7 +216,7 @@ def test_random_tetrahedra_are_what_their_half_spaces_say(seed, fill):
     points = rng.uniform(0, 3, (rng.integers(1, 5), 4, 3))
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     mesh = joined(*(Mesh(p, faces) for p in points))
-    stack = slice_mesh(mesh, pixel_mm=(0.05, 0.07), layer_mm=0.1, margin_mm=0.1, fill=fill)
+    stack = slice_mesh(mesh, pixel_mm=(0.05, 0.07), layer_mm=0.1, margin_mm=0.1, fill=fill, hairlines=False)
     x = stack.origin_mm[0] + (np.arange(stack.width) + 0.5) * 0.05
     y = stack.origin_mm[1] - (np.arange(stack.height) + 0.5) * 0.07
     z = stack.z_mm.mean(axis=1) + mesh.bounds_mm[0, 2]

@@ -70,7 +70,7 @@ def corrected(path, name: str):
 
 
 def expected() -> np.ndarray:
-    return lf.correct_image(drawing() > 0, 5.0, "add_only") * np.uint8(255)
+    return lf.correct_image(drawing() > 0, mode="add_only", min_feature_px=10) * np.uint8(255)
 
 
 def test_chitubox_layers_are_numbered(tmp_path):

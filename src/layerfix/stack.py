@@ -56,6 +56,7 @@ class Layer:
     z_mm    (bottom, top)
     change  what `correct` did, if it was this layer's last step
     gaps    what `slice_mesh` closed, if anything
+    hairline_px  pixels that stand for what is thinner than one
     source  what the layer was decoded from, for a writer that keeps what it can of it
     """
 
@@ -65,6 +66,7 @@ class Layer:
     change: Change | None = None
     gaps: Gaps | None = None
     source: Any = None
+    hairline_px: int = 0
 
     def __post_init__(self) -> None:
         """Raises InputError unless `rows` keeps the contract; marks it read-only."""

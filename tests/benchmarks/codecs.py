@@ -19,10 +19,11 @@ from layerfix.formats.jobs import runs
 from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.encode import encode_png
 from layerfix.layers.correction import correct_rows
+from layerfix.layers.feature import feature_of_mm
 from tests.benchmarks.measuring import best_of, table
 from tests.benchmarks.resin_12k import PRINTER, plate_of_dragons
 
-RADII_PX = 0.15 / 2 / 0.019, 0.15 / 2 / 0.024
+FEATURE = feature_of_mm(0.15, (0.019, 0.024))
 
 
 def png_rows(name: str, image: np.ndarray) -> list[object]:
@@ -32,7 +33,7 @@ def png_rows(name: str, image: np.ndarray) -> list[object]:
 
     def ours() -> bytes:
         rows = decode_png(data, "layer", size).rows
-        return encode_png(correct_rows(rows, size[0], RADII_PX, "add_only"), size[0])
+        return encode_png(correct_rows(rows, size[0], FEATURE, "add_only", "metric"), size[0])
 
     def theirs() -> object:
         return cv2.imencode(".png", cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE))

@@ -5,6 +5,7 @@ import numpy as np
 
 import layerfix as lf
 from layerfix.layers.correction import correct_rows
+from layerfix.layers.feature import feature_of_radius
 from tests.benchmarks import numpy_opencv
 from tests.benchmarks.layers import blobs, sparse
 from tests.benchmarks.measuring import best_of, table
@@ -22,11 +23,12 @@ def run() -> None:
     ):
         packed = lf.pack(image)
         radii = (RADIUS_PX, RADIUS_PX)
-        ours = lf.unpack(correct_rows(packed, SIZE[0], radii, "as_printed"), SIZE[0])
+        feature = feature_of_radius(radii)
+        ours = lf.unpack(correct_rows(packed, SIZE[0], feature, "as_printed", "paper"), SIZE[0])
         assert np.array_equal(ours, numpy_opencv.correct(image, *radii))
         assert np.array_equal(ours, numpy_opencv.correct_by_lookup(image, *radii))
         grey = image.astype(np.uint8) * 255
-        fast = best_of(20, lambda packed=packed: correct_rows(packed, SIZE[0], (RADIUS_PX, RADIUS_PX), "as_printed"))
+        fast = best_of(20, lambda p=packed, f=feature: correct_rows(p, SIZE[0], f, "as_printed", "paper"))
         plain = best_of(2, lambda image=image: numpy_opencv.correct(image, RADIUS_PX, RADIUS_PX))
         tuned = best_of(3, lambda image=image: numpy_opencv.correct_by_lookup(image, RADIUS_PX, RADIUS_PX))
         thinning = best_of(

@@ -10,12 +10,13 @@ from layerfix.kernels import njit
 
 SIGHT_PX = 31  # how far a look at one word sees to either side
 DOUBT_PX = 1.2  # what a first look may be off by
-PLACES = 256  # measured at most
-APART_PX = 3  # at least
-DIRECTIONS = 36
+PLACES = 24  # measured at most
+LONGEST_PX = 8  # to either side, along which edges are looked at
+EVERY_PX, APART_PX = 5, 3  # along a path, where nothing is narrower than before
+DIRECTIONS = 24
 RAY_PX = 0.6  # half the breadth of a look in one direction
 LONE_PX = 1.3  # mean width of what is a pixel or two
-SMALL_PIN, ROUND_PIN = 1.8, 1.25  # most over least width of what is a pin, under five pixels and above
+SMALL_PIN, ROUND_PIN = 1.8, 1.3  # most over least width of what is a pin, under five pixels and above
 
 
 @njit
@@ -99,21 +100,32 @@ def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def
 
 
 @njit
+def _between_mm(slope, start, least, most):  # type: ignore[no-untyped-def]
+    """The t for which least ≤ start + slope · t ≤ most, as (first, last); (1, -1) if there are none."""
+    if abs(slope) < 1e-9:
+        return (-1e6, 1e6) if least - 1e-9 <= start <= most + 1e-9 else (1.0, -1.0)
+    a, b = (least - start) / slope, (most - start) / slope
+    return min(a, b) - 1e-9, max(a, b) + 1e-9
+
+
+@njit
 def _edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """(farthest solid, nearest void) pixel centre from the point (y, x) along the direction u, in mm, among those up to
     `along_mm` to either side of it and `beyond_mm` away."""
     solid, void = 0.0, np.inf
     reach_y = (beyond_mm * abs(uy) + along_mm * abs(ux)) / py_mm
-    reach_x = (beyond_mm * abs(ux) + along_mm * abs(uy)) / px_mm
     for v in range(int(np.floor(y - reach_y)), int(y + reach_y) + 2):
-        for u in range(int(np.floor(x - reach_x)), int(x + reach_x) + 2):
-            dx_mm, dy_mm = (u - x) * px_mm, (v - y) * py_mm
-            away = ux * dx_mm + uy * dy_mm
-            if 0 < away <= beyond_mm and abs(uy * dx_mm - ux * dy_mm) <= along_mm:
-                if _solid(columns, v, u):
-                    solid = max(solid, away)
-                else:
-                    void = min(void, away)
+        dy_mm = (v - y) * py_mm
+        first, last = _between_mm(ux, uy * dy_mm, 0.0, beyond_mm)
+        low, high = _between_mm(uy, -ux * dy_mm, -along_mm, along_mm)
+        for u in range(int(np.ceil(x + max(first, low) / px_mm)), int(np.floor(x + min(last, high) / px_mm)) + 1):
+            away = ux * (u - x) * px_mm + uy * dy_mm
+            if away <= 0:
+                continue
+            if _solid(columns, v, u):
+                solid = max(solid, away)
+            else:
+                void = min(void, away)
     return solid, void
 
 
@@ -149,7 +161,7 @@ def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no
             return mean if mean > LONE_PX * pixel_mm else least
     width_mm = rough_mm
     for halvings in range(4):
-        along_mm = max(rough_mm / 2**halvings, RAY_PX * pixel_mm)
+        along_mm = max(min(rough_mm, LONGEST_PX * pixel_mm) / 2**halvings, RAY_PX * pixel_mm)
         parted = -np.inf
         for k in range(DIRECTIONS):
             ux, uy = np.cos(np.pi * k / DIRECTIONS), np.sin(np.pi * k / DIRECTIONS)
@@ -188,18 +200,18 @@ def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untype
     """
     doubt_mm = DOUBT_PX * max(px_mm, py_mm)
     beyond_mm = limit_mm + 2 * doubt_mm
-    best = beyond_mm
+    best, least_mm = beyond_mm, min(px_mm, py_mm)
     rough_mm, spots = np.empty(PLACES), np.empty((PLACES, 2), np.int64)
     count = 0
     any_path = False
     for w in range(1, columns.shape[0] - 1):
         for y in range(1, columns.shape[1] - 1):
             path = paths[w, y]
-            while path != U0:
+            any_path |= path != U0
+            while path != U0 and best > least_mm:
                 x = w * 64 + lowest_bit(path)
                 path &= path - U1
-                any_path = True
-                limit = min(beyond_mm, best + doubt_mm)
+                limit = min(beyond_mm, best + doubt_mm) if (x + 2 * y) % EVERY_PX == 0 else best
                 wide = _width_mm(columns, y, x, limit, px_mm, py_mm)
                 if wide >= limit:
                     continue
@@ -217,5 +229,5 @@ def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untype
     for k in range(count):
         if rough_mm[k] < best + doubt_mm:
             wide = _between_edges_mm(columns, spots[k, 0], spots[k, 1], rough_mm[k], px_mm, py_mm)
-            width_mm = min(width_mm, max(wide, min(px_mm, py_mm)))
+            width_mm = min(width_mm, max(wide, least_mm))
     return width_mm

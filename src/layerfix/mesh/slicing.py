@@ -19,11 +19,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numba import types
 
-from layerfix.bits import ALL, WORK, words_for
+from layerfix.bits import words_for
 from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.mesh.closing import close_gaps, edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
+from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE, SEGMENTS, below
+from layerfix.mesh.fill import fill as fill_pixels
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import Gaps, Layer, LayerStack, layer_bounds_mm, pitch_mm
 from layerfix.units import format_mm
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Fill = Literal["even_odd", "nonzero", "positive"]
-FILLS: dict[Fill, int] = {"even_odd": 0, "nonzero": 1, "positive": 2}
+FILLS: dict[Fill, int] = {"even_odd": EVEN_ODD, "nonzero": NONZERO, "positive": POSITIVE}
 SNAP_PER_PX = 1024
 SLAB_LAYERS = 16  # layers that share one list of triangles: 4 % of the memory of a list per layer
 MAX_FRAME_PX = 2**31
@@ -43,7 +45,6 @@ TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
 INDICES = types.Array(types.int32, 1, "C", readonly=True)
 STARTS = types.Array(types.int64, 1, "C", readonly=True)
 HEIGHTS = types.Array(types.float64, 1, "C", readonly=True)
-SEGMENTS = types.Array(types.float64, 2, "C")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,26 +83,14 @@ class _Piece:
 
     cutter: _Cutter
     rule: int
+    hairlines: bool
     clips: tuple[tuple[_Cutter, bool], ...]
-
-
-@njit
-def _planes_below(planes, z):  # type: ignore[no-untyped-def]
-    """How many planes are below z: np.searchsorted, which would load half of numba with it (0.1 s)."""
-    first, stop = 0, planes.shape[0]
-    while first < stop:
-        middle = (first + stop) // 2
-        if planes[middle] < z:
-            first = middle + 1
-        else:
-            stop = middle
-    return first
 
 
 @njit(types.UniTuple(types.int64, 2)(HEIGHTS, types.float64, types.float64), cache=True, nogil=True)
 def _planes_cut(planes, low, high):  # type: ignore[no-untyped-def]
     """Planes k with low ≤ planes[k] < high, as (first, past the last)."""
-    return _planes_below(planes, low), _planes_below(planes, high)
+    return below(planes, low), below(planes, high)
 
 
 @njit(
@@ -162,76 +151,6 @@ def cut(points, faces, chosen, plane):  # type: ignore[no-untyped-def]
     return out[:n].copy()
 
 
-@njit
-def _fill_span(line, first, stop):  # type: ignore[no-untyped-def]
-    """Set bits first … stop - 1; stop > first."""
-    w0, w1 = first >> 6, (stop - 1) >> 6
-    head = ALL << np.uint64(first & 63)
-    tail = ALL >> np.uint64(63 - ((stop - 1) & 63))
-    if w0 == w1:
-        line[w0] |= head & tail
-    else:
-        line[w0] |= head
-        for w in range(w0 + 1, w1):
-            line[w] = ALL
-        line[w1] |= tail
-
-
-@njit
-def _sort_row(crossings):  # type: ignore[no-untyped-def]
-    """Shell sort. Most rows have few crossings, nearly in order: for them it is one insertion pass."""
-    for gap in (701, 301, 132, 57, 23, 10, 4, 1):
-        if gap > 1 and crossings.shape[0] < 4 * gap:
-            continue
-        for i in range(gap, crossings.shape[0]):
-            v = crossings[i]
-            k = i - gap
-            while k >= 0 and crossings[k] > v:
-                crossings[k + gap] = crossings[k]
-                k -= gap
-            crossings[k + gap] = v
-
-
-@njit(types.void(SEGMENTS, types.int64, types.int64, WORK), cache=True, nogil=True)
-def fill_rows(segments, width, rule, out):  # type: ignore[no-untyped-def]
-    """Set the pixels of `out` (zeroed packed rows) whose centre is inside by the winding rule."""
-    height = out.shape[0]
-    starts = np.zeros(height + 1, np.int64)
-    for s in range(segments.shape[0]):
-        low, high = min(segments[s, 1], segments[s, 3]), max(segments[s, 1], segments[s, 3])
-        for j in range(max(math.ceil(low), 0), min(math.ceil(high), height)):
-            starts[j + 1] += 1
-    for j in range(height):
-        starts[j + 1] += starts[j]
-    crossings = np.empty(starts[height], np.int64)  # 2 · column, + 1 where the solid begins
-    where = starts.copy()
-    for s in range(segments.shape[0]):
-        x0, y0, x1, y1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
-        begins = 1 if y1 > y0 else 0  # rows run downwards: up the page has the solid on its left
-        if y1 < y0:
-            x0, y0, x1, y1 = x1, y1, x0, y0
-        first, stop = max(math.ceil(y0), 0), min(math.ceil(y1), height)
-        if first >= stop:
-            continue
-        slope = (x1 - x0) / (y1 - y0)
-        for j in range(first, stop):
-            column = min(max(math.ceil(x0 + (j - y0) * slope), 0), width)
-            crossings[where[j]] = 2 * column + begins
-            where[j] += 1
-    for j in range(height):
-        if starts[j] == starts[j + 1]:
-            continue
-        row = crossings[starts[j] : starts[j + 1]]
-        _sort_row(row)
-        winding = 0
-        for i in range(row.shape[0] - 1):
-            winding += 1 if row[i] & 1 else -1
-            inside = winding != 0 if rule == 1 else (winding > 0 if rule == 2 else i & 1 == 0)
-            first, stop = row[i] >> 1, row[i + 1] >> 1
-            if inside and stop > first:
-                _fill_span(out[j], first, stop)
-
-
 def slice_mesh(
     mesh: Mesh,
     *,
@@ -240,6 +159,7 @@ def slice_mesh(
     first_layer_mm: float | None = None,
     margin_mm: float = 1.0,
     fill: Fill = "nonzero",
+    hairlines: bool = True,
     frame_px: tuple[int, int] | None = None,
 ) -> LayerStack:
     """Cut a mesh into binary layers at their mid-planes. The part's lowest point becomes z = 0.
@@ -249,6 +169,8 @@ def slice_mesh(
     margin_mm       empty border around the part; correction can grow by half the minimum feature into it
     fill            "nonzero" (overlapping shells unite), "even_odd" (every second shell is a hole),
                     "positive" (only shells that face outwards are solid)
+    hairlines       what is thinner than a pixel becomes a line of pixels (`layerfix.mesh.fill`); False: only pixels
+                    whose centre is inside
     frame_px        (width, height) of a printer's panel, the part in its middle, instead of part + margin
     returns         a stack that cuts each layer when asked for it. Gaps of an open mesh are closed nearest
                     ends first; each layer says how many and how far (`Layer.gaps`). Its notes are the mesh's. Layers
@@ -265,10 +187,10 @@ def slice_mesh(
     width, height, origin = _frame(mesh, pitch, margin_mm, frame_px)
     z_mm = _layers(mesh, layer_mm, first_layer_mm)
     grid = _Grid(pitch, origin, (height, words_for(width)), width, float(mesh.bounds_mm[0, 2]), z_mm)
-    pieces = _pieces(mesh, grid, FILLS[fill])
+    pieces = _pieces(mesh, grid, FILLS[fill], hairlines)
 
     how = {"pixel_mm": pitch, "layer_mm": layer_mm, "first_layer_mm": first_layer_mm, "margin_mm": margin_mm,
-           "fill": fill, "frame_px": frame_px}  # fmt: skip
+           "fill": fill, "hairlines": hairlines, "frame_px": frame_px}  # fmt: skip
     make = _Sliced(mesh, how, pieces, grid)
     return LayerStack(width, height, pitch, z_mm, make, origin, notes=mesh.notes)
 
@@ -283,9 +205,9 @@ class _Sliced:
     grid: _Grid
 
     def __call__(self, index: int) -> Layer:
-        rows, gaps = _united(self.pieces, self.grid, index)
+        rows, gaps, hairline_px = _united(self.pieces, self.grid, index)
         bottom, top = self.grid.z_mm[index].tolist()
-        return Layer(rows, self.grid.width, (bottom, top), gaps=gaps)
+        return Layer(rows, self.grid.width, (bottom, top), gaps=gaps, hairline_px=hairline_px)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _sliced, (self.mesh, self.how)
@@ -297,10 +219,10 @@ def _sliced(mesh: Mesh, how: dict[str, Any]) -> _Sliced:
     return make
 
 
-def _pieces(mesh: Mesh, grid: _Grid, rule: int) -> list[_Piece]:
+def _pieces(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool) -> list[_Piece]:
     """What is sliced on its own. A clip that bounds several parts is cut once a layer."""
     if not mesh.parts:
-        return [_Piece(_cutter(mesh, grid), rule, ())]
+        return [_Piece(_cutter(mesh, grid), rule, hairlines, ())]
     cutters: dict[int, _Cutter] = {}
     pieces = []
     for faces, part in mesh.pieces():
@@ -309,21 +231,23 @@ def _pieces(mesh: Mesh, grid: _Grid, rule: int) -> list[_Piece]:
             if id(clip.mesh) not in cutters:
                 cutters[id(clip.mesh)] = _cutter(clip.mesh, grid)
         bounds = tuple((cutters[id(clip.mesh)], clip.inside) for clip in clips)
-        own = FILLS["nonzero"] if part and part.united else rule
-        pieces.append(_Piece(_cutter(Mesh(mesh.vertices, faces, mesh.name), grid), own, bounds))
+        own = NONZERO if part and part.united else rule
+        pieces.append(_Piece(_cutter(Mesh(mesh.vertices, faces, mesh.name), grid), own, hairlines, bounds))
     return pieces
 
 
-def _united(pieces: list[_Piece], grid: _Grid, index: int) -> tuple[NDArray[np.uint64], Gaps | None]:
-    """(rows, gaps) of one layer of all pieces together."""
+def _united(pieces: list[_Piece], grid: _Grid, index: int) -> tuple[NDArray[np.uint64], Gaps | None, int]:
+    """(rows, gaps, pixels for what is thinner than one) of one layer of all pieces together."""
+    hairline_px = 0
     rows: NDArray[np.uint64] | None = None
     gaps: list[Gaps] = []
     clips: dict[int, NDArray[np.uint64] | None] = {}
     for piece in pieces:
-        solid = _filled(piece.cutter, grid, index, piece.rule, gaps)
+        solid, added = _filled(piece.cutter, grid, index, piece.rule, piece.hairlines, gaps)
+        hairline_px += added
         for cutter, inside in piece.clips if solid is not None else ():
             if id(cutter) not in clips:
-                clips[id(cutter)] = _filled(cutter, grid, index, FILLS["nonzero"], gaps)
+                clips[id(cutter)], _ = _filled(cutter, grid, index, NONZERO, False, gaps)
             clip = clips[id(cutter)]
             if clip is not None and solid is not None:
                 solid &= clip if inside else ~clip
@@ -334,21 +258,24 @@ def _united(pieces: list[_Piece], grid: _Grid, index: int) -> tuple[NDArray[np.u
         elif solid is not None:
             rows |= solid
     whole = Gaps(sum(gap.count for gap in gaps), max(gap.longest_mm for gap in gaps)) if gaps else None
-    return np.zeros(grid.shape, np.uint64) if rows is None else rows, whole
+    return np.zeros(grid.shape, np.uint64) if rows is None else rows, whole, hairline_px
 
 
-def _filled(cutter: _Cutter, grid: _Grid, index: int, rule: int, gaps: list[Gaps]) -> NDArray[np.uint64] | None:
-    """Rows of one layer of one surface, None if the layer does not cut it; closed gaps are added to `gaps`."""
+def _filled(
+    cutter: _Cutter, grid: _Grid, index: int, rule: int, hairlines: bool, gaps: list[Gaps]
+) -> tuple[NDArray[np.uint64] | None, int]:
+    """(rows of one layer of one surface, None if the layer does not cut it; pixels for what is thinner than one).
+
+    Closed gaps are added to `gaps`."""
     segments = cutter.segments(index)
     if not len(segments):
-        return None
+        return None, 0
     if not cutter.closed:
         segments, lengths_mm = close_gaps(segments, grid.pitch)
         if len(lengths_mm):
             gaps.append(Gaps(len(lengths_mm), float(lengths_mm.max())))
     rows = np.zeros(grid.shape, np.uint64)
-    fill_rows(segments, grid.width, rule, rows)
-    return rows
+    return rows, fill_pixels(segments, grid.width, rule, hairlines, rows)
 
 
 def _frame(

@@ -1,0 +1,337 @@
+"""Segments of a cut → pixels: those whose centres are inside, and of what is thinner than a pixel a line of pixels.
+
+Plain fill P sees the solid at pixel centres only: of a wall thinner than a pixel it keeps crumbs, or nothing. Grid edges
+join the centres of 4-neighbouring pixels. The rule (`mark_thin`):
+  1. A grid edge that meets solid while neither of its ends is in P gets one end, the one nearer to the solid's middle.
+  2. A curve that stays inside a cell of four centres and meets no edge gets the pixel nearest to one of its points.
+  3. Marks that touch P and are simple points (solid 8-connected, void 4-connected) are taken back, until none is left.
+Why it holds: a connected piece of the cross-section that reaches from one cell into the next crosses an edge, of which
+an end is set; the corners of a cell are 8-neighbours of one another; so each piece is one 8-connected line. Two
+4-neighbours that stay empty have an edge without solid between them: no two voids join. Pieces may join only where
+they are within two pixels of one another. Parts without such places do not change by a pixel.
+
+Positions on edges are counted in 1 / 2^20 px. Everything is half-open as in the cut: a row belongs to an edge if
+y0 ≤ row < y1; a line through a pixel's centre passes as if the centre lay a little to the right of it, and, much less, below.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types
+
+from layerfix.bits import ALL, U1, WORK
+from layerfix.kernels import njit
+
+SEGMENTS = types.Array(types.float64, 2, "C")
+EVEN_ODD, NONZERO, POSITIVE = 0, 1, 2
+BITS = 20
+ONE = 1 << BITS  # of an edge
+
+
+@njit
+def below(values, bound):  # type: ignore[no-untyped-def]
+    """How many of the sorted values are below the bound: np.searchsorted, which would load half of numba (0.1 s)."""
+    first, stop = 0, values.shape[0]
+    while first < stop:
+        middle = (first + stop) // 2
+        if values[middle] < bound:
+            first = middle + 1
+        else:
+            stop = middle
+    return first
+
+
+@njit
+def sort(values):  # type: ignore[no-untyped-def]
+    """Shell sort. Most rows have few crossings, nearly in order: for them it is one insertion pass."""
+    n = values.shape[0]
+    gap = 701
+    while 9 * gap // 4 * 4 < n:
+        gap = 9 * gap // 4
+    while gap > 0:
+        if gap == 1 or n >= 4 * gap:
+            for i in range(gap, n):
+                v = values[i]
+                k = i - gap
+                while k >= 0 and values[k] > v:
+                    values[k + gap] = values[k]
+                    k -= gap
+                values[k + gap] = v
+        gap = 0 if gap == 1 else (max(4 * gap // 9, 1) if gap > 4 else 1)
+
+
+@njit
+def _fill_span(line, first, stop):  # type: ignore[no-untyped-def]
+    """Set bits first … stop - 1; stop > first."""
+    w0, w1 = first >> 6, (stop - 1) >> 6
+    head = ALL << np.uint64(first & 63)
+    tail = ALL >> np.uint64(63 - ((stop - 1) & 63))
+    if w0 == w1:
+        line[w0] |= head & tail
+    else:
+        line[w0] |= head
+        for w in range(w0 + 1, w1):
+            line[w] = ALL
+        line[w1] |= tail
+
+
+@njit
+def _row_crossings(segments, width, height):  # type: ignore[no-untyped-def]
+    """(starts, crossings): where segments cross each row of centres, 2 · position + 1 where the solid begins."""
+    starts = np.zeros(height + 1, np.int64)
+    for s in range(segments.shape[0]):
+        low, high = min(segments[s, 1], segments[s, 3]), max(segments[s, 1], segments[s, 3])
+        for j in range(max(math.ceil(low), 0), min(math.ceil(high), height)):
+            starts[j + 1] += 1
+    for j in range(height):
+        starts[j + 1] += starts[j]
+    crossings = np.empty(starts[height], np.int64)
+    where = starts.copy()
+    most = np.int64(width) << BITS
+    for s in range(segments.shape[0]):
+        x0, y0, x1, y1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
+        begins = 1 if y1 > y0 else 0  # rows run downwards: up the page has the solid on its left
+        if y1 < y0:
+            x0, y0, x1, y1 = x1, y1, x0, y0
+        first, stop = max(math.ceil(y0), 0), min(math.ceil(y1), height)
+        if first >= stop:
+            continue
+        slope = (x1 - x0) / (y1 - y0)
+        for j in range(first, stop):
+            place = np.int64(math.ceil((x0 + (j - y0) * slope) * ONE))  # its column is that of the exact crossing
+            crossings[where[j]] = min(max(place, 0), most) << 1 | begins
+            where[j] += 1
+    return starts, crossings
+
+
+@njit
+def _inside(winding, crossed, rule):  # type: ignore[no-untyped-def]
+    if rule == NONZERO:
+        return winding != 0
+    return winding > 0 if rule == POSITIVE else crossed & 1 == 1
+
+
+@njit
+def bit_at(rows, y, x):  # type: ignore[no-untyped-def]
+    """Pixel (y, x) of packed rows, 0 outside them."""
+    if y < 0 or x < 0 or y >= rows.shape[0] or (x >> 6) >= rows.shape[1]:
+        return np.int64(0)
+    return np.int64((rows[y, x >> 6] >> np.uint64(x & 63)) & U1)
+
+
+@njit
+def _fill_rows(starts, crossings, rule, rows):  # type: ignore[no-untyped-def]
+    """Plain fill. Returns the solid on edges along rows that have no pixel of it: (n, 3) row, column of the edge's
+    right end, and twice the middle of the solid, counted from the left end."""
+    spans = np.empty((64, 3), np.int64)
+    n = 0
+    for j in range(rows.shape[0]):
+        if starts[j] == starts[j + 1]:
+            continue
+        row = crossings[starts[j] : starts[j + 1]]
+        sort(row)
+        winding, was_inside, start, of_row = 0, False, np.int64(0), n
+        for i in range(row.shape[0]):
+            winding += 1 if row[i] & 1 else -1
+            inside = _inside(winding, i + 1, rule)
+            here = row[i] >> 1
+            if inside == was_inside:
+                continue
+            was_inside = inside
+            if inside:
+                start = here
+                continue
+            first, stop = (start + ONE - 1) >> BITS, (here + ONE - 1) >> BITS
+            if stop > first:
+                _fill_span(rows[j], first, stop)
+            elif here > start:
+                if n == spans.shape[0]:
+                    longer = np.empty((2 * n, 3), np.int64)
+                    for k in range(n):
+                        longer[k, 0], longer[k, 1], longer[k, 2] = spans[k, 0], spans[k, 1], spans[k, 2]
+                    spans = longer
+                spans[n, 0], spans[n, 1], spans[n, 2] = j, first, start + here - ((first - 1) << (BITS + 1))
+                n += 1
+        kept = of_row
+        for k in range(of_row, n):
+            if not (bit_at(rows, j, spans[k, 1]) or bit_at(rows, j, spans[k, 1] - 1)):
+                spans[kept, 0], spans[kept, 1], spans[kept, 2] = spans[k, 0], spans[k, 1], spans[k, 2]
+                kept += 1
+        n = kept
+    return spans[:n]
+
+
+@njit
+def _grown(numbers, count):  # type: ignore[no-untyped-def]
+    """The same list, with room for one more."""
+    if count < numbers.shape[0]:
+        return numbers
+    longer = np.empty(2 * count, np.int64)
+    for k in range(count):
+        longer[k] = numbers[k]
+    return longer
+
+
+@njit
+def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]
+    """(keys of crossings of edges along columns whose ends are empty; keys of segments inside a cell with empty corners).
+
+    An edge or cell is counted by its lower (right) end, row · (width + 1) + column. A crossing's key is (edge, position
+    on it, whether the solid begins there), a segment's (cell, its number); both are sorted.
+    """
+    height, stride = rows.shape[0], np.int64(width + 1)
+    keys, k = np.empty(64, np.int64), 0
+    inner, cells = np.empty(64, np.int64), 0
+    for s in range(segments.shape[0]):
+        x0, y0, x1, y1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
+        c0, c1 = math.ceil(x0), math.ceil(x1)
+        if c0 == c1:
+            r = math.ceil(y0)
+            if r == math.ceil(y1) and not (
+                bit_at(rows, r, c0) | bit_at(rows, r - 1, c0) | bit_at(rows, r, c0 - 1) | bit_at(rows, r - 1, c0 - 1)
+            ):
+                inner = _grown(inner, cells)
+                inner[cells] = (r * stride + c0) * segments.shape[0] + s
+                cells += 1
+            continue
+        begins = np.int64(c1 < c0)
+        if begins:
+            x0, y0, x1, y1, c0, c1 = x1, y1, x0, y0, c1, c0
+        slope = (y1 - y0) / (x1 - x0)
+        for c in range(max(c0, 0), min(c1, width)):
+            y = y0 + (c - x0) * slope
+            r = math.floor(y) + 1 if slope > 0 else math.ceil(y)
+            r = min(max(r, 0), height)
+            if bit_at(rows, r - 1 + begins, c) or bit_at(rows, r - begins, c):  # first where the solid should be
+                continue
+            keys = _grown(keys, k)
+            part = min(max(np.int64((y - (r - 1)) * ONE), 0), ONE - 1)
+            keys[k] = ((r * stride + c) * ONE + part) * 2 + begins
+            k += 1
+    sort(keys[:k])
+    sort(inner[:cells])
+    return keys[:k], inner[:cells]
+
+
+@njit
+def _mark_rows(spans, width, marks):  # type: ignore[no-untyped-def]
+    for k in range(spans.shape[0]):
+        left = 1 if spans[k, 2] < ONE else 0
+        marks[k, 0], marks[k, 1] = spans[k, 0], min(max(spans[k, 1] - left, 0), width - 1)
+    return spans.shape[0]
+
+
+@njit
+def _mark_columns(keys, stride, height, rule, marks, m):  # type: ignore[no-untyped-def]
+    """An end of every edge along a column that solid crosses from one side to the other. Returns how many marks."""
+    i = 0
+    while i < keys.shape[0]:
+        edge = keys[i] // (2 * ONE)
+        winding, thick, total, count = 0, False, np.int64(0), 0
+        while i < keys.shape[0] and keys[i] // (2 * ONE) == edge:
+            part = (keys[i] >> 1) % ONE
+            winding += 1 if keys[i] & 1 else -1
+            total += part
+            count += 1
+            i += 1
+            if i < keys.shape[0] and keys[i] // (2 * ONE) == edge and (keys[i] >> 1) % ONE > part:
+                thick |= _inside(winding, count, rule)
+        if thick and count & 1 == 0 and not (rule == NONZERO and winding != 0):
+            up = 1 if 2 * total < count * ONE else 0
+            marks[m, 0], marks[m, 1] = min(max(edge // stride - up, 0), height - 1), edge % stride
+            m += 1
+    return m
+
+
+@njit
+def _mark_cells(segments, inner, keys, spans, stride, height, width, marks, m):  # type: ignore[no-untyped-def]
+    """A pixel for every curve that stays within a cell. Returns how many marks."""
+    for p in range(inner.shape[0]):
+        cell, s = inner[p] // segments.shape[0], inner[p] % segments.shape[0]
+        if p and inner[p - 1] // segments.shape[0] == cell:
+            continue
+        crossed = False
+        for edge in (cell, cell - 1):  # along columns: right and left
+            at = below(keys, edge * 2 * ONE)
+            crossed |= at < keys.shape[0] and keys[at] < (edge + 1) * 2 * ONE
+        for row in (cell // stride - 1, cell // stride):  # along rows: above and below
+            at = below(spans[:, 0], row)
+            while at < spans.shape[0] and spans[at, 0] == row:
+                crossed |= spans[at, 1] == cell % stride
+                at += 1
+        if not crossed:
+            marks[m, 0] = min(max(math.floor(segments[s, 1] + 0.5), 0), height - 1)
+            marks[m, 1] = min(max(math.floor(segments[s, 0] + 0.5), 0), width - 1)
+            m += 1
+    return m
+
+
+@njit
+def _around(rows, y, x):  # type: ignore[no-untyped-def]
+    """The eight neighbours, bit 0 east, then clockwise."""
+    return (
+        bit_at(rows, y, x + 1)
+        | bit_at(rows, y + 1, x + 1) << 1
+        | bit_at(rows, y + 1, x) << 2
+        | bit_at(rows, y + 1, x - 1) << 3
+        | bit_at(rows, y, x - 1) << 4
+        | bit_at(rows, y - 1, x - 1) << 5
+        | bit_at(rows, y - 1, x) << 6
+        | bit_at(rows, y - 1, x + 1) << 7
+    )
+
+
+@njit
+def _simple(around):  # type: ignore[no-untyped-def]
+    """Whether a pixel with these neighbours may come or go without joining or parting anything: exactly one of the
+    4-neighbours is void with a solid one after it, going round by way of the corners (the crossing number)."""
+    crossings = 0
+    for k in range(0, 8, 2):
+        void = (around >> k) & 1 == 0
+        crossings += void and ((around >> (k + 1)) & 1 != 0 or (around >> ((k + 2) & 7)) & 1 != 0)
+    return crossings == 1
+
+
+@njit(types.int64(SEGMENTS, types.int64, types.int64, types.boolean, WORK), cache=True, nogil=True)
+def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]
+    """Set the pixels of `rows` (zeroed packed rows) whose centre is inside by the winding rule, and, if `thin`, the ones
+    that stand for what is thinner than a pixel. Returns how many of these there are.
+
+    segments  (n, 4) x, y of start and end in px, solid on the left (of x right, y up)
+    """
+    height, stride = rows.shape[0], np.int64(width + 1)
+    starts, crossings = _row_crossings(segments, width, height)
+    spans = _fill_rows(starts, crossings, rule, rows)
+    if not thin:
+        return 0
+    keys, inner = _column_keys(segments, width, rows)
+    if spans.shape[0] + keys.shape[0] + inner.shape[0] == 0:
+        return 0
+    marks = np.empty((spans.shape[0] + keys.shape[0] + inner.shape[0], 2), np.int64)
+    m = _mark_rows(spans, width, marks)
+    m = _mark_columns(keys, stride, height, rule, marks, m)
+    m = _mark_cells(segments, inner, keys, spans, stride, height, width, marks, m)
+    near = np.empty(m, np.bool_)
+    for k in range(m):
+        near[k] = _around(rows, marks[k, 0], marks[k, 1]) != 0
+    added = 0
+    for k in range(m):
+        y, x = marks[k]
+        if bit_at(rows, y, x):
+            near[k] = False  # it is there twice
+        else:
+            rows[y, x >> 6] |= U1 << np.uint64(x & 63)
+            added += 1
+    again = True
+    while again:
+        again = False
+        for k in range(m):
+            y, x = marks[k]
+            if near[k] and _simple(_around(rows, y, x)):
+                rows[y, x >> 6] &= ~(U1 << np.uint64(x & 63))
+                near[k] = False
+                added -= 1
+                again = True
+    return added
