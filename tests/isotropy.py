@@ -82,7 +82,9 @@ def strip_errors(fix: Corrected, d: int, angles: np.ndarray = ANGLES) -> np.ndar
     return np.array(errors)
 
 
-def bumps(fix: Corrected, d: int, lengths: tuple[float, ...], angles: np.ndarray = ANGLES) -> tuple[float, float, float]:
+def bumps(
+    fix: Corrected, d: int, lengths: tuple[float, ...], angles: np.ndarray = ANGLES
+) -> tuple[float, float, float]:
     """(added in d² at most, tip after less before: least, most) of bars of these lengths in d on a block."""
     added, tips = 0.0, []
     for width in sorted({1, 2, 3, d // 4, d // 2, 3 * d // 4, d - 1}):
@@ -153,8 +155,8 @@ def table(d: int) -> Iterator[str]:
         errors = strip_errors(fix, d)
         short, long = bumps(fix, d, (0.15, 0.2, 0.24)), bumps(fix, d, (1, 1.5, 3))
         yield (
-            f"d = {d} {name}: corners {square[0]:.3f} {hexagon[0]:.3f} d²; strips {errors.min():.1f} … {errors.max():.1f}"
-            f" px, {100 * (abs(errors) > 2.01).mean():.1f} % beyond 2 px; 60° +{sharp[0]:.3f} -{sharp[1]:.3f} d²;"
+            f"d = {d} {name}: corners {square[0]:.3f} {hexagon[0]:.3f} d²;"
+            f" strips {errors.min():.1f} … {errors.max():.1f} px, {100 * (abs(errors) > 2.01).mean():.1f} % beyond 2 px; 60° +{sharp[0]:.3f} -{sharp[1]:.3f} d²;"
             f" bumps {short[0]:.3f} d², tips {long[1]:.1f} … {long[2]:.1f} px; edges {edges(fix, d):.4f};"
             f" mirrored writing {mirrored(fix, writing())}, gear {mirrored(fix, gear())} px"
         )

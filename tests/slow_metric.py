@@ -10,7 +10,6 @@ from scipy import ndimage
 from layerfix.layers.metric.levels import plan_for
 from layerfix.layers.metric.retreat import EVERY_PX, INSIDE_PX, OFF_AXIS_PX, TIE_PX, TURN_PX
 from layerfix.layers.metric.tiles import CROSS, DISC3, HORIZONTAL, SQUARE, VERTICAL
-from layerfix.layers.morphology import disc_half_widths
 from tests.slow_twin import NEIGHBOURS, seen_at, spur_step, sub_iteration
 
 Y3, X3 = np.mgrid[-3:4, -3:4]
@@ -100,7 +99,9 @@ def distance_to_void(image: np.ndarray, sy: float, sx: float) -> np.ndarray:
     return np.asarray(ndimage.distance_transform_edt(image, sampling=(sy, sx)))
 
 
-def retreated(image: np.ndarray, anchor: np.ndarray, kept: np.ndarray, solid: np.ndarray, rx: float, ry: float) -> np.ndarray:
+def retreated(
+    image: np.ndarray, anchor: np.ndarray, kept: np.ndarray, solid: np.ndarray, rx: float, ry: float
+) -> np.ndarray:
     """Every end walked back until F just holds the balls of what it walked over."""
     plan = plan_for(rx, ry)
     (sy, sx), pixel, radius = plan.scale, plan.pixel, plan.radius
@@ -118,9 +119,11 @@ def retreated(image: np.ndarray, anchor: np.ndarray, kept: np.ndarray, solid: np
     def demand(balls: list[tuple[int, int, float]], y: int, x: int) -> float:
         return max((rho + math.sqrt((sy * (v - y)) ** 2 + (sx * (u - x)) ** 2) for v, u, rho in balls), default=0.0)
 
-    width = (image.shape[1] + 63) // 64  # the order of the columns of words: from the left, each from the top
-    at_first = [(y, x) for w in range(width) for y in range(image.shape[0]) for x in range(64 * w, min(64 * w + 64, image.shape[1]))
-                if simple(y, x)]  # fmt: skip
+    height, width = image.shape
+    in_order = sorted(
+        np.ndindex(height, width), key=lambda p: (p[1] // 64, *p)
+    )  # columns of words, each from the top
+    at_first = [(y, x) for y, x in in_order if simple(y, x)]
     ends: list[tuple[int, int, float, list[tuple[int, int, float]]]] = []
     for y, x in at_first:
         if not simple(y, x):
@@ -149,7 +152,10 @@ def retreated(image: np.ndarray, anchor: np.ndarray, kept: np.ndarray, solid: np
                 if crossing_number(neighbours(image, y, x)) != 1:
                     left_at[y, x] = balls
                     break
-                far = not balls or (sy * (balls[0][0] - y)) ** 2 + (sx * (balls[0][1] - x)) ** 2 >= (EVERY_PX * pixel) ** 2
+                far = (
+                    not balls
+                    or (sy * (balls[0][0] - y)) ** 2 + (sx * (balls[0][1] - x)) ** 2 >= (EVERY_PX * pixel) ** 2
+                )
                 if far and kept[y, x]:
                     off_axis = OFF_AXIS_PX if depth[y, x] > INSIDE_PX * pixel else 0.0
                     balls = [(y, x, min(depth[y, x] + (off_axis - 0.5) * pixel, radius)), *balls]
@@ -216,8 +222,8 @@ def opening(image: np.ndarray, dx: float, dy: float) -> np.ndarray:
 def anchor_of(image: np.ndarray, dx: float, dy: float) -> np.ndarray:
     """A = (S ⊖ F) ⊕ block."""
     offsets = feature_offsets(dx, dy)
-    block = [(x, y) for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)) if (x == 0 or max(o[0] for o in offsets) > -min(o[0] for o in offsets))
-             and (y == 0 or max(o[1] for o in offsets) > -min(o[1] for o in offsets))]  # fmt: skip
+    bx, by = (max(o[axis] for o in offsets) + min(o[axis] for o in offsets) for axis in (0, 1))  # 1 if even, else 0
+    block = [(x, y) for x in range(bx + 1) for y in range(by + 1)]
     return moved_or(moved_and(image, offsets), block)
 
 
@@ -228,5 +234,3 @@ def corrected(image: np.ndarray, dx: float, dy: float, skeleton: np.ndarray) -> 
     needed = moved_and(~(image & ~kept), offsets)
     paths = skeleton & ~anchor_of(image, dx, dy) & ~needed
     return kept | moved_or(paths, offsets)
-
-

@@ -166,7 +166,7 @@ def test_the_table(tmp_path, part):
         == f"20 of {images(tmp_path / 'out.zip').shape[2]} × {images(tmp_path / 'out.zip').shape[1]} px"
     )
     assert table["changed"].endswith("(as_printed, minimum feature 0.4 mm)")
-    assert re.fullmatch(r"[\d.]+ (µm|mm) at z = \d\.\d{3} mm", table["thinnest"])
+    assert re.fullmatch(r"[\d.]+ (µm|mm) \(± [\d.]+ (µm|mm)\) at z = \d\.\d{3} mm", table["thinnest"])
     assert re.fullmatch(r"[\d.]+ mm³ \([\d.]+ %\)", table["added"])
     assert re.fullmatch(r"\d+\.\d\d s", table["time"])
     assert table["written"] == str(tmp_path / "out.zip")

@@ -1,4 +1,4 @@
-"""The metric spur rule: corners, strips, bumps and edges come out alike at every angle (`tests.isotropy` has the table)."""
+"""The metric spur rule: corners, strips, bumps and edges come out alike at every angle (see `tests.isotropy`)."""
 
 from __future__ import annotations
 

@@ -22,6 +22,8 @@ _HOME = {
     "meso_skeleton": "layers.skeleton",
     "correct": "layers.correction",
     "correct_image": "layers.correction",
+    "compare_topology": "layers.topology",
+    "TopologyChange": "layers.topology",
     "Contours": "outlines.contours",
     "trace_contours": "outlines.contours",
     "plan_toolpaths": "fdm.toolpaths",
@@ -44,9 +46,11 @@ __all__ = [
     "PathSettings",
     "Printer",
     "Toolpaths",
+    "TopologyChange",
     "WidthPlan",
     "Widths",
     "banded",
+    "compare_topology",
     "correct",
     "correct_image",
     "load_mesh",
@@ -73,6 +77,7 @@ if TYPE_CHECKING:
     from layerfix.formats import read, write
     from layerfix.layers.correction import correct, correct_image
     from layerfix.layers.skeleton import meso_skeleton
+    from layerfix.layers.topology import TopologyChange, compare_topology
     from layerfix.layers.widths import Widths, suggest_widths
     from layerfix.mesh.load import load_mesh
     from layerfix.mesh.slicing import slice_mesh

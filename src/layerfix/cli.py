@@ -62,6 +62,11 @@ JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary a
         type=cloup.Choice(["as_printed", "add_only"]),
         help="as_printed rounds corners as the tool does; add_only never removes. [default: the printer's]",
     ),
+    cloup.option(
+        "--spurs",
+        type=cloup.Choice(["metric", "paper"]),
+        help="How far thin features reach: measured, at every angle alike, or as the paper counts. [default: metric]",
+    ),
 )
 @cloup.option_group("Pixels and layers (of a mesh, or of images that do not say)", *FRAME)
 @cloup.option_group(
@@ -368,7 +373,7 @@ def _table(s: Summary) -> str:
         ("layers", f"{s.layers} of {s.size_px[0]} × {s.size_px[1]} px"),
         ("changed", f"{s.layers_changed} ({s.mode}, minimum feature {format_mm(s.min_feature_mm)})"),
         ("thinnest", "nothing was too thin" if s.thinnest_mm is None
-         else f"{format_mm(s.thinnest_mm)} at z = {s.thinnest_z_mm:.3f} mm"),
+         else f"{_thinnest(s)} at z = {s.thinnest_z_mm:.3f} mm"),
         ("added", f"{s.added_mm3:.4g} mm³ ({s.added_percent:.3g} %)"),
         ("removed", f"{s.removed_mm3:.4g} mm³ ({s.removed_percent:.3g} %)"),
         ("time", f"{s.seconds:.2f} s"),
@@ -384,6 +389,14 @@ def _table(s: Summary) -> str:
     rows += [("note", note) for note in s.notes]
     rows.append(("written", s.target))
     return _rows(rows)
+
+
+def _thinnest(s: Summary) -> str:
+    """With its precision, which is half a pixel."""
+    assert s.thinnest_mm is not None
+    if s.hairline_layers and s.thinnest_mm <= min(s.pixel_mm) * 1.01:
+        return f"under {format_mm(min(s.pixel_mm))}"
+    return f"{format_mm(round(s.thinnest_mm, 4))} (± {format_mm(max(s.pixel_mm) / 2)})"
 
 
 def _rows(rows: Sequence[tuple[str, str]]) -> str:

@@ -36,6 +36,7 @@ class Change:
     removed_px: int
     thinnest_mm: float | None
     radius_px: tuple[float, float] = (0.0, 0.0)  # (rx, ry) of F
+    topology: tuple[Any, ...] = ()  # what merged and closed: `layerfix.layers.topology.TopologyChange`
     paths: Rows | None = field(default=None, repr=False, compare=False)  # packed: where F was drawn, if from a file
 
 

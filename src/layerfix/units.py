@@ -89,6 +89,11 @@ def format_mm(value_mm: float) -> str:
     return f"{value_mm:.4g} mm"
 
 
+def counted(number: int, thing: str) -> str:
+    """``1 layer``, ``3 layers``."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
 def one_or_two(value: float | tuple[float, float], what: str, unit: str) -> tuple[float, float]:
     """(x, y) of something given as one number or as two. Raises InputError unless both are above 0."""
     numbers = tuple(value) if isinstance(value, Iterable) else (value, value)

@@ -26,11 +26,12 @@ from layerfix.layers.correction import correct
 from layerfix.layers.feature import feature_of_mm
 from layerfix.mesh.empty import empty_between, empty_ends, told_of_ends
 from layerfix.mesh.slicing import slice_mesh
-from layerfix.units import format_mm
+from layerfix.units import counted, format_mm
 
 if TYPE_CHECKING:
     from layerfix.fdm import PathSettings
     from layerfix.layers.correction import Mode
+    from layerfix.layers.topology import TopologyChange
     from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
@@ -59,6 +60,8 @@ class Summary:
     longest_gap_mm: float
     seconds: float
     most_changed_layer: int = 0
+    hairline_layers: int = 0
+    topology: tuple[TopologyChange, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -91,7 +94,8 @@ def fix(
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
     told = _doubts(tolerance_mm, paths, min_feature_mm)
-    fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode).with_workers(options.run.workers)
+    spurs = options.correction.spurs or "metric"
+    fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode, spurs=spurs).with_workers(options.run.workers)
     done: list[Layer] = []
 
     def watch(index: int, layer: Layer) -> None:
@@ -244,6 +248,7 @@ def _add_up(
     )
     gaps = [layer.gaps for layer in done if layer.gaps is not None]
     turned = [c.added_px + c.removed_px for _, c in changes]
+    topology = tuple(sorted((t for _, c in changes for t in c.topology), key=lambda t: -t.area_mm2))
     return Summary(
         source=str(source),
         target=str(target),
@@ -264,7 +269,9 @@ def _add_up(
         longest_gap_mm=max((g.longest_mm for g in gaps), default=0.0),
         seconds=time.perf_counter() - started,
         most_changed_layer=turned.index(max(turned)) if turned else 0,
-        notes=(*stack.notes, *_empty_layers(done), *told),
+        hairline_layers=sum(layer.hairline_px > 0 for layer in done),
+        topology=topology,
+        notes=(*stack.notes, *_empty_layers(done), *_hairlines(done, stack.pixel_mm), *_told_of(topology), *told),
     )
 
 
@@ -282,6 +289,40 @@ def _doubts(tolerance_mm: float | None, paths: PathSettings | None, min_feature_
             f" {format_mm(paths.range_mm[0])}"
         )
     return doubts
+
+
+def _hairlines(done: list[Layer], pixel_mm: tuple[float, float]) -> list[str]:
+    """A word about what is thinner than a pixel."""
+    at = [layer.z_mm[0] for layer in done if layer.hairline_px]
+    if not at:
+        return []
+    return [
+        f"thinner than a pixel of {format_mm(min(pixel_mm))} in {counted(len(at), 'layer')}, the first at"
+        f" z = {at[0]:.3f} mm: drawn one pixel wide, then as wide as the feature"
+    ]
+
+
+def _told_of(topology: tuple[TopologyChange, ...]) -> list[str]:
+    """What grew together and what closed: how much, and the three worst places."""
+    words = []
+    for kind, what in (("merged", "parts grew together"), ("closed", "holes closed")):
+        found = [one for one in topology if one.kind == kind]
+        if found:
+            heights = len({one.z_mm for one in found})
+            number = sum(one.count for one in found)
+            into = f" into {len(found)}" if kind == "merged" else ""
+            words.append(f"{number} {what}{into}, in {counted(heights, 'layer')}; the largest: {_places(found)}")
+    return words
+
+
+def _places(changes: list[TopologyChange]) -> str:
+    """The three largest, in three places of the layers."""
+    places: dict[tuple[float, ...], str] = {}
+    for one in changes:
+        left, bottom, right, top = (f"{value:.2f}" for value in one.box_mm)
+        z = f"{one.z_mm[0]:.3f}"
+        places.setdefault(one.box_mm, f"x {left} to {right}, y {bottom} to {top}, from z = {z} mm")
+    return "; ".join([*places.values()][:3])
 
 
 def _empty_layers(done: list[Layer]) -> list[str]:

@@ -13,6 +13,7 @@ from layerfix.errors import InputError
 if TYPE_CHECKING:
     from layerfix.fdm import PathSettings
     from layerfix.layers.correction import Mode
+    from layerfix.layers.skeleton import Spurs
     from layerfix.mesh.slicing import Fill
     from layerfix.printers import Printer
 
@@ -49,6 +50,7 @@ class Correction:
 
     min_feature_mm: float | None = None
     mode: Mode | None = None
+    spurs: Spurs | None = None
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,8 @@ def _row_runs(columns, y, of_void, runs, n):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _root(parent, k):  # type: ignore[no-untyped-def]
+def root_of(parent, k):  # type: ignore[no-untyped-def]
+    """The run that stands for the component of run k."""
     while parent[k] != k:
         parent[k] = parent[parent[k]]
         k = parent[k]
@@ -83,7 +84,7 @@ def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
                 k += 1
             j = k
             while j < above_stop and runs[j, 1] < runs[i, 2] + reach:
-                a, b = _root(parent, i), _root(parent, j)
+                a, b = root_of(parent, i), root_of(parent, j)
                 if a != b:
                     parent[max(a, b)] = min(a, b)
                     count -= 1
@@ -93,7 +94,7 @@ def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _has(columns, of_void, y, first, stop):  # type: ignore[no-untyped-def]
+def has_bit(columns, of_void, y, first, stop):  # type: ignore[no-untyped-def]
     """Whether row y has a set (or clear) bit in first … stop - 1."""
     w0, w1 = first >> 6, (stop - 1) >> 6
     for w in range(w0, w1 + 1):
@@ -113,9 +114,9 @@ def _each_holds(outer, inner, of_void):  # type: ignore[no-untyped-def]
     runs, parent, _ = label_runs(outer, of_void)
     alive = np.zeros(parent.shape[0], np.bool_)
     for i in range(parent.shape[0]):
-        root = _root(parent, i)
+        root = root_of(parent, i)
         if not alive[root]:
-            alive[root] = _has(inner, of_void, runs[i, 0], runs[i, 1], runs[i, 2])
+            alive[root] = has_bit(inner, of_void, runs[i, 0], runs[i, 1], runs[i, 2])
     dead = 0
     for i in range(parent.shape[0]):
         dead += parent[i] == i and not alive[i]
@@ -143,9 +144,9 @@ def _smaller_than(rows, area_px):  # type: ignore[no-untyped-def]
     runs, parent, _ = label_runs(to_columns(rows, outer), False)
     areas = np.zeros(parent.shape[0], np.int64)
     for k in range(parent.shape[0]):
-        areas[_root(parent, k)] += runs[k, 2] - runs[k, 1]
+        areas[root_of(parent, k)] += runs[k, 2] - runs[k, 1]
     for k in range(parent.shape[0]):
-        if areas[_root(parent, k)] < area_px:
+        if areas[root_of(parent, k)] < area_px:
             y, shift = runs[k, 0] + outer[0], 64 * outer[2]
             for x in range(runs[k, 1] + shift, runs[k, 2] + shift):
                 out[y, x >> 6] |= U1 << np.uint64(x & 63)
@@ -168,7 +169,7 @@ def _components_at(rows, xs, ys):  # type: ignore[no-untyped-def]
     areas = np.zeros(parent.shape[0], np.int64)
     first = np.zeros(columns.shape[1] + 1, np.int64)  # of each row's runs
     for k in range(parent.shape[0]):
-        areas[_root(parent, k)] += runs[k, 2] - runs[k, 1]
+        areas[root_of(parent, k)] += runs[k, 2] - runs[k, 1]
         first[runs[k, 0] + 1] = k + 1
     for y in range(columns.shape[1]):
         first[y + 1] = max(first[y + 1], first[y])
@@ -179,7 +180,7 @@ def _components_at(rows, xs, ys):  # type: ignore[no-untyped-def]
         for k in range(first[y], first[y + 1]):
             away = max(runs[k, 1] - x, x - runs[k, 2] + 1, 0)
             if away < nearest:
-                nearest, found[i] = away, _root(parent, k)
+                nearest, found[i] = away, root_of(parent, k)
     return found, areas[areas > 0]
 
 

@@ -21,6 +21,7 @@ from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, 
 from layerfix.layers.feature import Feature, Radius, feature_of_mm
 from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule, skeleton_columns
 from layerfix.layers.thickness import narrowest
+from layerfix.layers.topology import TopologyChange, changes_of, told
 from layerfix.stack import Change
 from layerfix.units import format_mm
 
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
     from layerfix.stack import Layer, LayerStack
+
+    Columns = NDArray[np.uint64]
 
 Mode = Literal["as_printed", "add_only"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -51,8 +54,8 @@ def _count_changes(before, after):  # type: ignore[no-untyped-def]
 
 def _corrected(
     rows: Rows, width: int, feature: Feature, spurs: Spurs, add_only: bool, room: Room
-) -> tuple[Rows, tuple[int, int, int, int], NDArray[np.uint64], NDArray[np.uint64]] | None:
-    """(corrected rows; box; S and the paths that were drawn, as columns of that box, in `room`); None if empty."""
+) -> tuple[Rows, tuple[int, int, int, int], Columns, Columns, Columns] | None:
+    """(corrected rows; box; as columns of it, in `room`: S, the paths that were drawn, the result); None if empty."""
     half_widths, block = feature.half_widths, feature.block
     outer = box_with_reach(rows, *feature.reach_px)
     if outer[1] == 0:
@@ -68,7 +71,7 @@ def _corrected(
     if add_only:
         np.bitwise_or(printed, solid, out=printed)
     to_rows(printed, outer, width, out)
-    return out, outer, solid, paths
+    return out, outer, solid, paths, printed
 
 
 def _check_mode(mode: str) -> None:
@@ -81,8 +84,8 @@ def correct(
 ) -> LayerStack:
     """The stack with everything narrower than `min_feature_mm` thickened to it (paper, Algorithm 1).
 
-    min_feature_mm  diameter of F, the smallest dot or bead the printer makes. In pixels it is rounded, on each axis, and
-                    what is that wide already is left alone (`layerfix.layers.feature`, `layerfix.layers.drawing`)
+    min_feature_mm  diameter of F, the smallest dot or bead the printer makes. In pixels it is rounded, on each axis,
+                    and what is that wide already is left alone (`layerfix.layers.feature`, `layerfix.layers.drawing`)
     mode            "as_printed": S ∘ F and what was too thin, drawn with F; "add_only": that and all of S
     spurs           the end-point rule of the meso-skeleton, see `meso_skeleton`
     returns         a stack of the same frame and z's; each layer carries its `Change`. What F would add past
@@ -97,7 +100,7 @@ def correct(
             f"minimum feature {format_mm(min_feature_mm)} is larger than the layers, which are"
             f" {format_mm(stack.width * stack.pixel_mm[0])} × {format_mm(stack.height * stack.pixel_mm[1])}"
         )
-    return stack.map(_Correction(feature, spurs, mode == "add_only", stack.pixel_mm))
+    return stack.map(_Correction(feature, spurs, mode == "add_only", stack.pixel_mm, stack.origin_mm))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +111,15 @@ class _Correction:
     spurs: Spurs
     add_only: bool
     pixel_mm: tuple[float, float]
+    origin_mm: tuple[float, float]
     room: Room = field(default_factory=Room)
 
     def __call__(self, layer: Layer) -> Layer:
         feature, pixel_mm = self.feature, self.pixel_mm
-        found = _corrected(layer.rows, layer.width, feature, self.spurs, self.add_only, self.room)
-        if found is None:
+        layer_found = _corrected(layer.rows, layer.width, feature, self.spurs, self.add_only, self.room)
+        if layer_found is None:
             return replace(layer, change=Change(0, 0, 0, None, feature.radius_px))
-        rows, outer, solid_columns, path_columns = found
+        rows, outer, solid_columns, path_columns, printed_columns = layer_found
         feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
         thinnest_mm: float = narrowest(solid_columns, path_columns, feature_mm, *pixel_mm)
         solid, added, removed = _count_changes(layer.rows, rows)
@@ -123,7 +127,13 @@ class _Correction:
         if layer.source is not None:
             paths = np.zeros_like(rows)
             to_rows(path_columns, outer, layer.width, paths)
-        change = Change(solid, added, removed, thinnest_mm if thinnest_mm < np.inf else None, feature.radius_px, paths)
+        topology: tuple[TopologyChange, ...] = ()
+        if added:
+            corner_px = 64 * outer[2], outer[0]
+            found = told(*changes_of(solid_columns, printed_columns), corner_px, pixel_mm, self.origin_mm)
+            topology = tuple(replace(one, z_mm=layer.z_mm) for one in found)
+        thinnest = thinnest_mm if thinnest_mm < np.inf else None
+        change = Change(solid, added, removed, thinnest, feature.radius_px, topology, paths)
         return replace(layer, rows=rows, change=change)
 
 

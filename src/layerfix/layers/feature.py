@@ -1,13 +1,13 @@
 """F, the minimum printable feature, as pixels: the structuring element of the method.
 
-By radius (the paper's form): the offsets with (dx/rx)² + (dy/ry)² ≤ 1. Around a pixel's centre a disc is always an odd
-number of pixels wide, 2·⌊r⌋ + 1; half of all sizes come out a pixel too wide.
+By radius (the paper's form): the offsets with (dx/rx)² + (dy/ry)² ≤ 1. Around a pixel's centre a disc is always an
+odd number of pixels wide, 2·⌊r⌋ + 1; half of all sizes come out a pixel too wide.
 
-By size: F is the pixels whose centres lie within d/2 of a point. The point is a pixel's centre where d, rounded to whole
-pixels, is odd, and a pixel's corner where it is even, on each axis of its own. So F is round(d) pixels wide. It is
-written as a symmetric disc G, swept over a block of one or two pixels: F = G ⊕ block. Of an even F, the half pixel that
-has no place goes to +x and +y (east and down), everywhere: a straight wall stays straight, and a layer that is moved
-comes out moved. (Half a pixel towards the frame's middle would keep mirror images, and bend walls that cross it.)
+By size: F is the pixels whose centres lie within d/2 of a point. The point is a pixel's centre where d, rounded to
+whole pixels, is odd, and a pixel's corner where it is even, on each axis of its own. So F is round(d) pixels wide. It
+is written as a symmetric disc G, swept over a block of one or two pixels: F = G ⊕ block. Of an even F, the half pixel
+that has no place goes to +x and +y (east and down), everywhere: a straight wall stays straight, and a layer that is
+moved comes out moved. (Half a pixel towards the frame's middle would keep mirror images, and bend walls across it.)
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Feature:
     half_widths  of G, entry |dy| is the largest |dx|; int64, falling
     block        (bx, by): 1 where F is an even number of pixels wide and reaches a pixel further east (down), else 0
     radius_px    (rx, ry): half of F's size, in pixels, before any rounding
-    by_size      F is as wide as its size says, and is drawn only where S ∘ F misses something (`layerfix.layers.drawing`)
+    by_size      F is as wide as its size says, and is drawn only where S ∘ F misses something (`drawing`)
     """
 
     half_widths: NDArray[np.int64]
@@ -64,7 +64,7 @@ def feature_of_radius(radius_px: Radius) -> Feature:
 
 
 def feature_of_size(size_px: Radius) -> Feature:
-    """F by size: round(size) pixels wide on each axis. Raises InputError unless one or two numbers above 0 are given."""
+    """F by size: round(size) pixels wide on each axis. Raises InputError unless given one or two numbers above 0."""
     dx, dy = one_or_two(size_px, "minimum feature", "px")
     if max(dx, dy) > MAX_SIZE_PX:
         raise InputError(f"minimum feature {size_px} px: at most {MAX_SIZE_PX} px")

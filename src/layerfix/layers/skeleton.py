@@ -4,8 +4,8 @@ M̂ is the erosion M = S ⊖ F plus one-pixel paths through whatever is narrower
 nothing changes, with M's pixels anchored: never deleted. (The paper deletes and ORs them back after each
 round; on 2,500 random images that broke the topology of 6, the anchored form of none.)
 
-How far a path reaches into an end is the spur rule. "paper" takes a pixel a round off its ends, r times: how much that
-is in mm depends on the direction. "metric" (`layerfix.layers.metric`) measures: all directions alike.
+How far a path reaches into an end is the spur rule. "paper" takes a pixel a round off its ends, r times: how much
+that is in mm depends on the direction. "metric" (`layerfix.layers.metric`) measures: all directions alike.
 """
 
 from __future__ import annotations

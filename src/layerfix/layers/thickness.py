@@ -110,8 +110,8 @@ def _between_mm(slope, start, least, most):  # type: ignore[no-untyped-def]
 
 @njit
 def _edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
-    """(farthest solid, nearest void) pixel centre from the point (y, x) along the direction u, in mm, among those up to
-    `along_mm` to either side of it and `beyond_mm` away."""
+    """(farthest solid, nearest void) pixel centre from the point (y, x) along the direction u, in mm, among those up
+    to `along_mm` to either side of it and `beyond_mm` away."""
     solid, void = 0.0, np.inf
     reach_y = (beyond_mm * abs(uy) + along_mm * abs(ux)) / py_mm
     for v in range(int(np.floor(y - reach_y)), int(y + reach_y) + 2):
@@ -217,7 +217,11 @@ def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untype
                     continue
                 best = min(best, wide)
                 last = count - 1
-                if count and max(abs(spots[last, 0] - y), abs(spots[last, 1] - x)) < APART_PX and wide >= rough_mm[last]:
+                if (
+                    count
+                    and max(abs(spots[last, 0] - y), abs(spots[last, 1] - x)) < APART_PX
+                    and wide >= rough_mm[last]
+                ):
                     continue
                 if count == PLACES:
                     count = _make_room(rough_mm, spots, best + doubt_mm)

@@ -1,17 +1,17 @@
 """Segments of a cut → pixels: those whose centres are inside, and of what is thinner than a pixel a line of pixels.
 
-Plain fill P sees the solid at pixel centres only: of a wall thinner than a pixel it keeps crumbs, or nothing. Grid edges
-join the centres of 4-neighbouring pixels. The rule (`mark_thin`):
-  1. A grid edge that meets solid while neither of its ends is in P gets one end, the one nearer to the solid's middle.
+Plain fill P sees the solid at pixel centres only: of a wall thinner than a pixel it keeps crumbs, or nothing. Grid
+edges join the centres of 4-neighbouring pixels. The rule:
+  1. A grid edge that meets solid while neither of its ends is in P gets one end, the nearer to the solid's middle.
   2. A curve that stays inside a cell of four centres and meets no edge gets the pixel nearest to one of its points.
-  3. Marks that touch P and are simple points (solid 8-connected, void 4-connected) are taken back, until none is left.
-Why it holds: a connected piece of the cross-section that reaches from one cell into the next crosses an edge, of which
-an end is set; the corners of a cell are 8-neighbours of one another; so each piece is one 8-connected line. Two
+  3. Marks that touch P and are simple points (solid 8-connected, void 4-connected) are taken back.
+Why it holds: a connected piece of the cross-section that reaches from one cell into the next crosses an edge, of
+which an end is set; the corners of a cell are 8-neighbours of one another; so each piece is one 8-connected line. Two
 4-neighbours that stay empty have an edge without solid between them: no two voids join. Pieces may join only where
 they are within two pixels of one another. Parts without such places do not change by a pixel.
 
 Positions on edges are counted in 1 / 2^20 px. Everything is half-open as in the cut: a row belongs to an edge if
-y0 ≤ row < y1; a line through a pixel's centre passes as if the centre lay a little to the right of it, and, much less, below.
+y0 ≤ row < y1; a line through a pixel's centre passes as if the centre lay a little to the right and, far less, below.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def _row_crossings(segments, width, height):  # type: ignore[no-untyped-def]
         starts[j + 1] += starts[j]
     crossings = np.empty(starts[height], np.int64)
     where = starts.copy()
-    most = np.int64(width) << BITS
+    most = width << BITS
     for s in range(segments.shape[0]):
         x0, y0, x1, y1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
         begins = 1 if y1 > y0 else 0  # rows run downwards: up the page has the solid on its left
@@ -176,10 +176,10 @@ def _grown(numbers, count):  # type: ignore[no-untyped-def]
 
 @njit
 def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]
-    """(keys of crossings of edges along columns whose ends are empty; keys of segments inside a cell with empty corners).
+    """(keys of crossings of edges along columns whose ends are empty; keys of segments in cells with empty corners).
 
-    An edge or cell is counted by its lower (right) end, row · (width + 1) + column. A crossing's key is (edge, position
-    on it, whether the solid begins there), a segment's (cell, its number); both are sorted.
+    An edge or cell is counted by its lower (right) end, row · (width + 1) + column. A crossing's key is (edge,
+    position on it, whether the solid begins there), a segment's (cell, its number); both are sorted.
     """
     height, stride = rows.shape[0], np.int64(width + 1)
     keys, k = np.empty(64, np.int64), 0
@@ -296,8 +296,8 @@ def _simple(around):  # type: ignore[no-untyped-def]
 
 @njit(types.int64(SEGMENTS, types.int64, types.int64, types.boolean, WORK), cache=True, nogil=True)
 def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]
-    """Set the pixels of `rows` (zeroed packed rows) whose centre is inside by the winding rule, and, if `thin`, the ones
-    that stand for what is thinner than a pixel. Returns how many of these there are.
+    """Set the pixels of `rows` (zeroed packed rows) whose centre is inside by the winding rule, and, if `thin`, the
+    ones that stand for what is thinner than a pixel. Returns how many of these there are.
 
     segments  (n, 4) x, y of start and end in px, solid on the left (of x right, y up)
     """

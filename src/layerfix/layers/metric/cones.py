@@ -7,7 +7,16 @@ from numba import types
 
 from layerfix.bits import U0, U1, U63, WORK
 from layerfix.kernels import njit
-from layerfix.layers.metric.tiles import FLAGS, IMAGES, IMAGES_FLAGS, Q1, copy_live, grow, next_live, shrink, tile_rows
+from layerfix.layers.metric.tiles import (
+    IMAGES,
+    IMAGES_FLAGS,
+    Q1,
+    copy_live,
+    grow,
+    next_live,
+    shrink,
+    tile_rows,
+)
 from layerfix.layers.morphology import HALF_WIDTHS, erode_columns
 
 TABLE = types.Array(types.int64, 2, "C", readonly=True)
@@ -118,8 +127,8 @@ def significant(solid, anchor, schedule, elements, depths, live, top, work, work
 
 @njit(types.void(WORK, WORK, WORK, WORK), cache=True, nogil=True)
 def tips(columns, significant_pixels, anchor, out):  # type: ignore[no-untyped-def]
-    """out = anchor, and the significant pixels left in `columns` whose neighbours lie within 90°: the ends of bars up to
-    three pixels wide. (Unless they are kept, Guo–Hall takes a pixel or two off those.)"""
+    """out = anchor, and the significant pixels left in `columns` whose neighbours lie within 90°: the ends of bars up
+    to three pixels wide. (Unless they are kept, Guo–Hall takes a pixel or two off those.)"""
     words, height = columns.shape
     for w in range(words):
         out[w, 0] = anchor[w, 0]
@@ -142,5 +151,7 @@ def tips(columns, significant_pixels, anchor, out):  # type: ignore[no-untyped-d
                 (c >> U1) | (east[i + 1] << U63),
                 (x7 >> U1) | (east[i + 2] << U63),
             )
-            wider = (x1 & (x4 | x5 | x6)) | (x2 & (x5 | x6 | x7)) | (x3 & (x6 | x7 | x8)) | (x4 & (x7 | x8)) | (x5 & x8)
+            wider = (
+                (x1 & (x4 | x5 | x6)) | (x2 & (x5 | x6 | x7)) | (x3 & (x6 | x7 | x8)) | (x4 & (x7 | x8)) | (x5 & x8)
+            )
             line[i] = fixed[i] | (c & kept[i] & ~wider & (x1 | x2 | x3 | x4 | x5 | x6 | x7 | x8))

@@ -1,7 +1,7 @@
 """Retreat: every end of a path walks back until F just holds the balls of the significant pixels it walked over.
 
-A few thousand pixels a layer, one at a time. An end at p with the balls (q, ρ) demands max |p - q| + ρ of F's radius r;
-it goes to its neighbour p' if that is nearer to demanding just r: demand(p) + demand(p') ≤ 2 r. All ends advance
+A few thousand pixels a layer, one at a time. An end at p with the balls (q, ρ) demands max |p - q| + ρ of F's radius
+r; it goes to its neighbour p' if that is nearer to demanding just r: demand(p) + demand(p') ≤ 2 r. All ends advance
 together, in turns of demand, so that the two ends of a short bar meet in its middle. Where an end stops at a junction
 its balls stay there, for whichever branch becomes the end.
 """
@@ -18,7 +18,10 @@ from layerfix.kernels import njit
 from layerfix.layers.metric.cones import NUMBERS, TABLE
 from layerfix.layers.metric.tiles import IMAGES
 
-INSIDE_PX, OFF_AXIS_PX = 1.3, 0.1  # balls of pixels deeper than this are larger: paths run up to half a pixel off the axis
+INSIDE_PX, OFF_AXIS_PX = (
+    1.3,
+    0.1,
+)  # balls of pixels deeper than this are larger: paths run up to half a pixel off the axis
 TIE_PX = 0.1  # favours walking on where two stops are about equally good
 EVERY_PX = 4.0  # an end takes on the ball of a significant pixel this often
 TURN_PX = 2.0  # how much demand a turn lets all ends grow to
@@ -66,7 +69,11 @@ def _three(columns, y, x):  # type: ignore[no-untyped-def]
 @njit
 def _neighbourhood(columns, y, x):  # type: ignore[no-untyped-def]
     """The eight neighbours of (y, x), bit k for neighbour k + 1."""
-    up, middle, low = np.int64(_three(columns, y - 1, x)), np.int64(_three(columns, y, x)), np.int64(_three(columns, y + 1, x))
+    up, middle, low = (
+        np.int64(_three(columns, y - 1, x)),
+        np.int64(_three(columns, y, x)),
+        np.int64(_three(columns, y + 1, x)),
+    )
     north = (up >> 2) << 1 | (up >> 1 & 1) << 2 | (up & 1) << 3
     south = (low & 1) << 5 | (low >> 1 & 1) << 6 | (low >> 2) << 7
     return middle >> 2 | north | (middle & 1) << 4 | south

@@ -80,7 +80,16 @@ def thin_metric(columns: NDArray[np.uint64], anchor: NDArray[np.uint64], feature
     else:
         top = disc_erosions(columns, plan.half_widths, plan.starts, depths, depths_live, marked, scratch)
     significant(
-        columns, anchor, plan.schedule, plan.elements, depths, depths_live, top, images[levels:], live[levels:], marked
+        columns,
+        anchor,
+        plan.schedule,
+        plan.elements,
+        depths,
+        depths_live,
+        top,
+        images[levels:],
+        live[levels:],
+        marked,
     )
     _either(anchor, marked, kept)
     thin_protected(columns, kept, kept, True, scratch)

@@ -1,7 +1,7 @@
 """Small dilations and erosions of images of which most is empty.
 
-An image comes with flags: ``live[w, t]`` says whether tile t of column w (TILE rows by one word) may hold a bit. Tiles
-that are not live are 0, and so is the border; only tiles near live ones are looked at.
+An image comes with flags: ``live[w, t]`` says whether tile t of column w (TILE rows by one word) may hold a bit.
+Tiles that are not live are 0, and so is the border; only tiles near live ones are looked at.
 """
 
 from __future__ import annotations
