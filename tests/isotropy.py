@@ -156,7 +156,8 @@ def table(d: int) -> Iterator[str]:
         short, long = bumps(fix, d, (0.15, 0.2, 0.24)), bumps(fix, d, (1, 1.5, 3))
         yield (
             f"d = {d} {name}: corners {square[0]:.3f} {hexagon[0]:.3f} d²;"
-            f" strips {errors.min():.1f} … {errors.max():.1f} px, {100 * (abs(errors) > 2.01).mean():.1f} % beyond 2 px; 60° +{sharp[0]:.3f} -{sharp[1]:.3f} d²;"
+            f" strips {errors.min():.1f} … {errors.max():.1f} px,"
+            f" {100 * (abs(errors) > 2.01).mean():.1f} % beyond 2 px; 60° +{sharp[0]:.3f} -{sharp[1]:.3f} d²;"
             f" bumps {short[0]:.3f} d², tips {long[1]:.1f} … {long[2]:.1f} px; edges {edges(fix, d):.4f};"
             f" mirrored writing {mirrored(fix, writing())}, gear {mirrored(fix, gear())} px"
         )

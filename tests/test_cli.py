@@ -473,3 +473,28 @@ def test_a_full_disk_behind_the_output_is_said_in_one_line(args):
         _, error = process.communicate(timeout=60)
     assert process.returncode == 2
     assert error.splitlines() == ["layerfix: the output could not be printed: no space left on device"]
+
+
+def test_specks_and_the_first_layer(tmp_path):
+    """What is told and drawn: a wider first layer, and specks that stay."""
+    image = np.zeros((60, 90), np.uint8)
+    image[20, 10:80] = image[40, 40] = 255
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for k in range(3):
+        Image.fromarray(image).save(folder / f"{k}.png")
+    options = ("--pixel", "0.1mm", "--layer", "0.1mm", "--min-feature", "0.4mm")
+    more = ("--first-layer-min-feature", "0.9mm", "--ignore-below", "0.02mm2")
+    table = rows_of(succeeds(run_layerfix("fix", folder, tmp_path / "out", *options, *more)))
+    assert table["note"] == "specks left as they are in 3 layers, the first at z = 0.000 mm"
+    written = images(tmp_path / "out") > 0
+    assert written[:, :, 45].sum(axis=1).tolist() == [9, 4, 4]
+    assert written[:, 30:, :].sum() == 3
+
+
+@pytest.mark.parametrize("area", ["0.01", "0.01mm", "mm2", "-1mm2", "0mm2", "0.01kg2", "x"])
+def test_an_area_has_a_unit(tmp_path, part, area):
+    """Refused, with what to write."""
+    run = run_layerfix("fix", part, tmp_path / "out.zip", *FIX, "--ignore-below", area)
+    assert run.code == 2
+    assert "is not an area: write a number and a unit, such as 0.01mm2" in run.err

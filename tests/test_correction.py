@@ -12,7 +12,7 @@ from layerfix.errors import InputError
 from layerfix.layers.correction import MODES
 from layerfix.layers.feature import feature_of_mm
 from layerfix.samples import sample
-from tests import slow_twin
+from tests import slow_metric, slow_twin
 from tests.pictures_as_text import KINDS, block, drawing, framed, images, picture, radii, round_dot, strip
 
 # Turned and mirrored in every way, and whether that swaps x and y.
@@ -412,6 +412,58 @@ def test_correcting_a_corrected_layer_hardly_changes_it(mode):
     once = correct_image(drawn_part(), 5, mode)
     twice = correct_image(once, 5, mode)
     assert (once ^ twice).sum() <= 0.005 * once.sum()
+
+
+# One feature for each layer, and specks
+
+
+def test_every_layer_may_have_a_feature_of_its_own():
+    """A first layer that is drawn wider; whoever makes the layers."""
+    line = block(1, 60, 12)
+    fixed = correct(stack_of(line, line, line), min_feature_mm=[9, 4, 5])
+    for workers in (1, 2):
+        widths = [layer.image()[:, 40].sum() for layer in fixed.with_workers(workers)]
+        assert widths == [9, 4, 5]
+    assert [layer.change.radius_px[0] for layer in fixed] == [4.5, 2, 2.5]
+
+
+def test_features_are_as_many_as_layers():
+    """The message says how many of both."""
+    with pytest.raises(InputError, match="2 minimum features for 3 layers"):
+        correct(stack_of(*[block(9, 9, 4)] * 3), min_feature_mm=[4, 5])
+
+
+@each_mode
+def test_specks_are_left_as_they_are_if_asked(mode):
+    """A pixel that would become a dot of F's size stays a pixel; what is as large as the limit is corrected."""
+    image = block(2, 40, 14)
+    image[5, 5] = True  # a speck of one pixel
+    image[24, 10:13] = True  # one of three
+    one = correct(stack_of(image), min_feature_mm=8, mode=mode)[0]
+    assert one.count_px() > correct(stack_of(block(2, 40, 14)), min_feature_mm=8, mode=mode)[0].count_px() + 80
+    left = correct(stack_of(image), min_feature_mm=8, mode=mode, ignore_below_mm2=3)[0]
+    assert left.change.ignored_px == 1
+    assert left.image()[:9, :9].sum() == 1
+    assert left.image()[24, 11]
+    assert left.count_px() == one.count_px() - len(slow_metric.feature_offsets(8, 8)) + 1
+    both = correct(stack_of(image), min_feature_mm=8, mode=mode, ignore_below_mm2=4)[0]
+    assert both.change.ignored_px == 4
+
+
+def test_a_layer_of_nothing_but_specks_stays():
+    """Nothing added, nothing removed."""
+    image = np.zeros((30, 70), bool)
+    image[3, 4] = image[20, 65] = True
+    layer = correct(stack_of(image), min_feature_mm=6, ignore_below_mm2=2)[0]
+    assert_same(layer.image(), image)
+    assert (layer.change.added_px, layer.change.removed_px, layer.change.ignored_px) == (0, 0, 2)
+
+
+@pytest.mark.parametrize("area", [-1, float("nan"), float("inf")])
+def test_an_area_is_0_or_more(area):
+    """The message names it."""
+    with pytest.raises(InputError, match="ignore below"):
+        correct(stack_of(block(9, 9, 4)), min_feature_mm=4, ignore_below_mm2=area)
 
 
 # The door

@@ -13,7 +13,7 @@ import click
 import cloup
 
 from layerfix import __version__
-from layerfix.cli_types import Length, Percent, Pitch, Range, Scale
+from layerfix.cli_types import Area, Length, Percent, Pitch, Range, Scale
 from layerfix.errors import InputError
 from layerfix.units import format_mm
 
@@ -66,6 +66,12 @@ JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary a
         "--spurs",
         type=cloup.Choice(["metric", "paper"]),
         help="How far thin features reach: measured, at every angle alike, or as the paper counts. [default: metric]",
+    ),
+    cloup.option(
+        "--first-layer-min-feature", "first_layer_min_feature_mm", type=Length(), help="The same of the first layer."
+    ),
+    cloup.option(
+        "--ignore-below", "ignore_below_mm2", type=Area(), help="Leave smaller specks as they are: 0.01mm2."
     ),
 )
 @cloup.option_group("Pixels and layers (of a mesh, or of images that do not say)", *FRAME)

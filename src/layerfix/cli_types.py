@@ -22,6 +22,25 @@ class Length(click.ParamType[float]):
             self.fail(str(problem), param, ctx)
 
 
+class Area(click.ParamType[float]):
+    """A unit of length and a 2 after the number, in mm²: ``0.01mm2``."""
+
+    name = "area"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        text = str(value).strip()
+        length = text.removesuffix("²").removesuffix("2")
+        if isinstance(value, float):
+            return value
+        if length == text or not length[-1:].isalpha():
+            self.fail(f"'{value}' is not an area: write a number and a unit, such as 0.01mm2", param, ctx)
+        try:
+            number = parse_length_mm(length)
+            return number * parse_length_mm(f"1{length.lstrip('0123456789.+-eE ')}")
+        except InputError:
+            self.fail(f"'{value}' is not an area: write a number and a unit, such as 0.01mm2", param, ctx)
+
+
 class Pitch(click.ParamType[tuple[float, float]]):
     """One length, or two with an x between them: ``19umx24um``."""
 

@@ -37,6 +37,7 @@ class Change:
     thinnest_mm: float | None
     radius_px: tuple[float, float] = (0.0, 0.0)  # (rx, ry) of F
     topology: tuple[Any, ...] = ()  # what merged and closed: `layerfix.layers.topology.TopologyChange`
+    ignored_px: int = 0  # of parts too small to be corrected
     paths: Rows | None = field(default=None, repr=False, compare=False)  # packed: where F was drawn, if from a file
 
 

@@ -95,7 +95,14 @@ def fix(
         )
     told = _doubts(tolerance_mm, paths, min_feature_mm)
     spurs = options.correction.spurs or "metric"
-    fixed = correct(stack, min_feature_mm=min_feature_mm, mode=mode, spurs=spurs).with_workers(options.run.workers)
+    first_mm = options.correction.first_layer_min_feature_mm if not (options.run.layers or (0,))[0] else None
+    fixed = correct(
+        stack,
+        min_feature_mm=min_feature_mm if first_mm is None else [first_mm, *[min_feature_mm] * (len(stack) - 1)],
+        mode=mode,
+        spurs=spurs,
+        ignore_below_mm2=options.correction.ignore_below_mm2 or 0.0,
+    ).with_workers(options.run.workers)
     done: list[Layer] = []
 
     def watch(index: int, layer: Layer) -> None:
@@ -271,7 +278,14 @@ def _add_up(
         most_changed_layer=turned.index(max(turned)) if turned else 0,
         hairline_layers=sum(layer.hairline_px > 0 for layer in done),
         topology=topology,
-        notes=(*stack.notes, *_empty_layers(done), *_hairlines(done, stack.pixel_mm), *_told_of(topology), *told),
+        notes=(
+            *stack.notes,
+            *_empty_layers(done),
+            *_hairlines(done, stack.pixel_mm),
+            *_told_of(topology),
+            *_specks(done),
+            *told,
+        ),
     )
 
 
@@ -300,6 +314,12 @@ def _hairlines(done: list[Layer], pixel_mm: tuple[float, float]) -> list[str]:
         f"thinner than a pixel of {format_mm(min(pixel_mm))} in {counted(len(at), 'layer')}, the first at"
         f" z = {at[0]:.3f} mm: drawn one pixel wide, then as wide as the feature"
     ]
+
+
+def _specks(done: list[Layer]) -> list[str]:
+    """A word about what was too small to be corrected, as asked."""
+    at = [layer.z_mm[0] for layer in done if layer.change is not None and layer.change.ignored_px]
+    return [f"specks left as they are in {counted(len(at), 'layer')}, the first at z = {at[0]:.3f} mm"] if at else []
 
 
 def _told_of(topology: tuple[TopologyChange, ...]) -> list[str]:

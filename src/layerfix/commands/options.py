@@ -51,6 +51,8 @@ class Correction:
     min_feature_mm: float | None = None
     mode: Mode | None = None
     spurs: Spurs | None = None
+    first_layer_min_feature_mm: float | None = None
+    ignore_below_mm2: float | None = None
 
 
 @dataclass(frozen=True)

@@ -17,15 +17,18 @@ from layerfix.bits import ROWS, WORK, pack, popcount, unpack
 from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import Room, fill_columns, to_rows
+from layerfix.layers.components import smaller_than
 from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, find_paths, open_columns
 from layerfix.layers.feature import Feature, Radius, feature_of_mm
-from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule, skeleton_columns
+from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule, scratch_images, skeleton_columns
 from layerfix.layers.thickness import narrowest
 from layerfix.layers.topology import TopologyChange, changes_of, told
 from layerfix.stack import Change
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike, NDArray
 
     from layerfix.bits import Rows
@@ -61,13 +64,13 @@ def _corrected(
     if outer[1] == 0:
         return None
     out = np.zeros(rows.shape, np.uint64)
-    solid, anchor, skeleton, printed, paths, scratch = room.columns(outer, 6)
+    solid, anchor, skeleton, printed, paths, *scratch = room.columns(outer, 5 + scratch_images(spurs))
     fill_columns(rows, outer, solid)
-    anchor_columns(solid, half_widths, *block, anchor, scratch)
-    open_columns(anchor, half_widths, printed, scratch)
+    anchor_columns(solid, half_widths, *block, anchor, scratch[0])
+    open_columns(anchor, half_widths, printed, scratch[0])
     skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch, room)
     if find_paths(solid, skeleton, anchor, printed, half_widths, *block, feature.by_size, paths):
-        draw_paths(paths, printed, half_widths, *block, scratch)
+        draw_paths(paths, printed, half_widths, *block, scratch[0])
     if add_only:
         np.bitwise_or(printed, solid, out=printed)
     to_rows(printed, outer, width, out)
@@ -80,48 +83,81 @@ def _check_mode(mode: str) -> None:
 
 
 def correct(
-    stack: LayerStack, *, min_feature_mm: float, mode: Mode = "as_printed", spurs: Spurs = "metric"
+    stack: LayerStack,
+    *,
+    min_feature_mm: float | Sequence[float],
+    mode: Mode = "as_printed",
+    spurs: Spurs = "metric",
+    ignore_below_mm2: float = 0.0,
 ) -> LayerStack:
     """The stack with everything narrower than `min_feature_mm` thickened to it (paper, Algorithm 1).
 
     min_feature_mm  diameter of F, the smallest dot or bead the printer makes. In pixels it is rounded, on each axis,
-                    and what is that wide already is left alone (`layerfix.layers.feature`, `layerfix.layers.drawing`)
+                    and what is that wide already is left alone (see `layerfix.layers.feature`). Or one for each
+                    layer: first layers are often drawn wider
     mode            "as_printed": S ∘ F and what was too thin, drawn with F; "add_only": that and all of S
     spurs           the end-point rule of the meso-skeleton, see `meso_skeleton`
+    ignore_below_mm2  parts of a layer with less area are left as they are: specks, that would become dots of F's size
     returns         a stack of the same frame and z's; each layer carries its `Change`. What F would add past
                     the frame's edge is cut off, so leave min_feature_mm / 2 of margin
-    raises          InputError for a feature that is not above 0, under two pixels or larger than the frame
+    raises          InputError for a feature that is not above 0, under two pixels or larger than the frame, for other
+                    than one feature a layer, and for an area that is negative
     """
     _check_mode(mode)
     check_spurs(spurs)
-    feature = feature_of_mm(min_feature_mm, stack.pixel_mm)
-    if feature.radius_px[0] * 2 > stack.width and feature.radius_px[1] * 2 > stack.height:
-        raise InputError(
-            f"minimum feature {format_mm(min_feature_mm)} is larger than the layers, which are"
-            f" {format_mm(stack.width * stack.pixel_mm[0])} × {format_mm(stack.height * stack.pixel_mm[1])}"
+    if not 0 <= ignore_below_mm2 < np.inf:
+        raise InputError(f"ignore below {ignore_below_mm2} mm²: it must be 0 or more")
+    sizes_mm = [min_feature_mm] if isinstance(min_feature_mm, (int, float)) else [float(d) for d in min_feature_mm]
+    if not isinstance(min_feature_mm, (int, float)) and len(sizes_mm) != len(stack):
+        raise InputError(f"{len(sizes_mm)} minimum features for {len(stack)} layers: give one, or one for each")
+    features = {size_mm: feature_of_mm(size_mm, stack.pixel_mm) for size_mm in dict.fromkeys(sizes_mm)}
+    for size_mm, feature in features.items():
+        if feature.radius_px[0] * 2 > stack.width and feature.radius_px[1] * 2 > stack.height:
+            raise InputError(
+                f"minimum feature {format_mm(size_mm)} is larger than the layers, which are"
+                f" {format_mm(stack.width * stack.pixel_mm[0])} × {format_mm(stack.height * stack.pixel_mm[1])}"
+            )
+    of_layer = tuple(features[size_mm] for size_mm in sizes_mm)
+    ignore_px = ignore_below_mm2 / (stack.pixel_mm[0] * stack.pixel_mm[1])
+    return stack.map(
+        _Correction(
+            of_layer,
+            stack.z_mm[:, 0],
+            spurs,
+            mode == "add_only",
+            stack.pixel_mm,
+            stack.origin_mm,
+            ignore_px * (1 - 1e-9),
         )
-    return stack.map(_Correction(feature, spurs, mode == "add_only", stack.pixel_mm, stack.origin_mm))
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Correction:
     """One layer corrected. A value, not a closure: stacks can be pickled."""
 
-    feature: Feature
+    features: tuple[Feature, ...]  # one, or one for each layer
+    bottoms_mm: NDArray[np.float64]
     spurs: Spurs
     add_only: bool
     pixel_mm: tuple[float, float]
     origin_mm: tuple[float, float]
+    ignore_px: float
     room: Room = field(default_factory=Room)
 
     def __call__(self, layer: Layer) -> Layer:
-        feature, pixel_mm = self.feature, self.pixel_mm
-        layer_found = _corrected(layer.rows, layer.width, feature, self.spurs, self.add_only, self.room)
+        feature, pixel_mm = self._feature(layer), self.pixel_mm
+        specks = smaller_than(layer.rows, self.ignore_px) if self.ignore_px > 0 else None
+        ignored_px = int(np.bitwise_count(specks).sum()) if specks is not None else 0
+        wanted = layer.rows & ~specks if specks is not None and ignored_px else layer.rows
+        layer_found = _corrected(wanted, layer.width, feature, self.spurs, self.add_only, self.room)
         if layer_found is None:
-            return replace(layer, change=Change(0, 0, 0, None, feature.radius_px))
+            return replace(layer, change=Change(ignored_px, 0, 0, None, feature.radius_px, ignored_px=ignored_px))
         rows, outer, solid_columns, path_columns, printed_columns = layer_found
         feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
         thinnest_mm: float = narrowest(solid_columns, path_columns, feature_mm, *pixel_mm)
+        if specks is not None and ignored_px:
+            rows |= specks
         solid, added, removed = _count_changes(layer.rows, rows)
         paths = None
         if layer.source is not None:
@@ -133,8 +169,13 @@ class _Correction:
             found = told(*changes_of(solid_columns, printed_columns), corner_px, pixel_mm, self.origin_mm)
             topology = tuple(replace(one, z_mm=layer.z_mm) for one in found)
         thinnest = thinnest_mm if thinnest_mm < np.inf else None
-        change = Change(solid, added, removed, thinnest, feature.radius_px, topology, paths)
+        change = Change(solid, added, removed, thinnest, feature.radius_px, topology, ignored_px, paths)
         return replace(layer, rows=rows, change=change)
+
+    def _feature(self, layer: Layer) -> Feature:
+        if len(self.features) == 1:
+            return self.features[0]
+        return self.features[int(np.abs(self.bottoms_mm - layer.z_mm[0]).argmin())]
 
 
 def correct_rows(rows: Rows, width: int, feature: Feature, mode: Mode, spurs: Spurs) -> Rows:

@@ -25,6 +25,8 @@ from layerfix.layers.morphology import disc_half_widths, working_box
 from layerfix.layers.thinning import FIRST, SECOND, SPURS, remove_spurs, start_changes, sub_iteration
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike, NDArray
 
     from layerfix.bits import Rows
@@ -75,23 +77,28 @@ def check_spurs(spurs: str) -> None:
         raise InputError(f"spurs='{spurs}' is not known; choose from {', '.join(SPUR_RULES)}")
 
 
+def scratch_images(spurs: Spurs) -> int:
+    """How many images `skeleton_columns` works in."""
+    return {"metric": 4, "paper": 1}[spurs]
+
+
 def skeleton_columns(
     solid: NDArray[np.uint64],
     anchor: NDArray[np.uint64],
     feature: Feature,
     spurs: Spurs,
     out: NDArray[np.uint64],
-    scratch: NDArray[np.uint64],
+    scratch: Sequence[NDArray[np.uint64]],
     room: Room,
 ) -> None:
-    """out = M̂ of the columns `solid`, thinned around `anchor`."""
+    """out = M̂ of the columns `solid`, thinned around `anchor`; scratch: `scratch_images` more of them."""
     np.copyto(out, solid)
     if spurs == "paper":
-        thin_anchored(out, anchor, max(feature.radius_px), scratch)
+        thin_anchored(out, anchor, max(feature.radius_px), scratch[0])
         return
     from layerfix.layers.metric import thin_metric
 
-    thin_metric(out, anchor, feature, room)
+    thin_metric(out, anchor, feature, scratch, room)
 
 
 def meso_skeleton_rows(rows: Rows, width: int, feature: Feature, spurs: Spurs) -> Rows:
@@ -100,9 +107,9 @@ def meso_skeleton_rows(rows: Rows, width: int, feature: Feature, spurs: Spurs) -
     outer = box_with_reach(rows, *feature.reach_px)
     if outer[1]:
         room = Room()
-        solid, anchor, skeleton, scratch = room.columns(outer, 4)
+        solid, anchor, skeleton, *scratch = room.columns(outer, 3 + scratch_images(spurs))
         fill_columns(rows, outer, solid)
-        anchor_columns(solid, feature.half_widths, *feature.block, anchor, scratch)
+        anchor_columns(solid, feature.half_widths, *feature.block, anchor, scratch[0])
         skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch, room)
         to_rows(skeleton, outer, width, out)
     return out

@@ -17,6 +17,8 @@ from layerfix.layers.metric.tiles import clear_live, tiles_of
 from layerfix.layers.thinning import FIRST, SECOND, flag_blocks, remove_spurs, start_changes, sub_iteration
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from layerfix.layers.columns import Room
@@ -62,10 +64,17 @@ def _either(a, b, out):  # type: ignore[no-untyped-def]
     return seen != U0
 
 
-def thin_metric(columns: NDArray[np.uint64], anchor: NDArray[np.uint64], feature: Feature, room: Room) -> None:
+def thin_metric(
+    columns: NDArray[np.uint64],
+    anchor: NDArray[np.uint64],
+    feature: Feature,
+    scratch: Sequence[NDArray[np.uint64]],
+    room: Room,
+) -> None:
     """Thin `columns` in place around `anchor` to the meso-skeleton whose ends are measured.
 
     columns, anchor  (words, height) with an empty border, `layerfix.layers.columns`
+    scratch          four more of them, with anything in them
     room             its `empty_images` are used
     """
     plan = plan_for(*feature.radius_px)
@@ -74,11 +83,11 @@ def thin_metric(columns: NDArray[np.uint64], anchor: NDArray[np.uint64], feature
     images = room.empty_images(levels + 3, shape)
     live = np.zeros((levels + 3, shape[0], tiles_of(shape[1])), np.uint8)
     depths, depths_live = images[:levels], live[:levels]
-    marked, kept, scratch = (np.empty(shape, np.uint64) for _ in range(3))
+    marked, kept, fixed, spare = scratch
     if plan.round:
         top = erosions(columns, plan.levels, depths, depths_live)
     else:
-        top = disc_erosions(columns, plan.half_widths, plan.starts, depths, depths_live, marked, scratch)
+        top = disc_erosions(columns, plan.half_widths, plan.starts, depths, depths_live, marked, spare)
     significant(
         columns,
         anchor,
@@ -92,10 +101,9 @@ def thin_metric(columns: NDArray[np.uint64], anchor: NDArray[np.uint64], feature
         marked,
     )
     _either(anchor, marked, kept)
-    thin_protected(columns, kept, kept, True, scratch)
-    fixed = np.empty(shape, np.uint64)
+    thin_protected(columns, kept, kept, True, spare)
     tips(columns, marked, anchor, fixed)
-    thin_protected(columns, fixed, kept, False, scratch)
+    thin_protected(columns, fixed, kept, False, spare)
     retreat(columns, anchor, marked, depths, top, plan.offsets, plan.lengths, plan.outside,
             plan.radius, plan.scale, plan.pixel)  # fmt: skip
     clear_live(images, live)
