@@ -80,8 +80,8 @@ def _run() -> int:
     from layerfix.errors import LayerfixError
 
     try:
-        layerfix.main(prog_name="layerfix", standalone_mode=False, obj=_stopped)
-        return 0
+        code = layerfix.main(prog_name="layerfix", standalone_mode=False, obj=_stopped)
+        return code if isinstance(code, int) else 0  # `check` ends with 1 where something would be lost
     except click.Abort:
         return 130
     except click.ClickException as problem:

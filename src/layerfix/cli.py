@@ -30,6 +30,7 @@ def layerfix() -> None:
     \b
     Start here:
       layerfix demo                                      a built-in part, before and after
+      layerfix check part.stl -p prusa-mk3s-0.4          what a printer would lose
       layerfix fix part.stl layers.zip -p prusa-sl1s     a mesh into corrected layer images
       layerfix printers                                  the printers it knows
     """
@@ -145,6 +146,47 @@ def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given:
     with _progress(f"correcting {source.name}") as progress:
         summary = run(source, target, _options(printer, given), progress)
     click.echo(json.dumps(asdict(summary)) if as_json else _table(summary))
+
+
+@layerfix.command()
+@cloup.argument("source", metavar="IN", type=cloup.Path(path_type=Path))
+@cloup.option_group(
+    "Printer and correction",
+    PRINTER,
+    cloup.option("--min-feature", "min_feature_mm", type=Length(), help="Smallest dot or bead it makes: 0.4mm."),
+    cloup.option("--mode", type=cloup.Choice(["as_printed", "add_only"]), help="How it would be corrected."),
+)
+@cloup.option_group("Pixels and layers (of a mesh, or of images that do not say)", *FRAME)
+@cloup.option_group("A mesh as IN", *MESH)
+@cloup.option_group(
+    "Running",
+    cloup.option("--markdown", is_flag=True, help="Print a table for a pull request."),
+    WORKERS,
+    JSON,
+)
+def check(source: Path, printer: str | None, as_json: bool, markdown: bool, **given: Any) -> None:
+    """Say what the printer would lose of IN, and where; nothing is written.
+
+    IN is a mesh, a resin job or PNG images, as in `layerfix fix`. Ends with 1 if something would be lost, with 0 if
+    not, with 2 if it cannot be read.
+
+    \b
+    Examples:
+      layerfix check part.stl -p prusa-mk3s-0.4
+      layerfix check job.sl1 --min-feature 0.15mm --json
+    """
+    if as_json and markdown:
+        raise InputError("--json and --markdown: one of the two")
+    with _kernels_ready():
+        from layerfix.commands import check as commands
+    with _progress(f"checking {source.name}") as progress:
+        verdict = commands.check(source, _options(printer, given), progress)
+    if as_json:
+        click.echo(json.dumps(asdict(verdict)))
+    else:
+        click.echo(commands.markdown_of(verdict) if markdown else _rows(commands.lines_of(verdict)))
+    if not verdict.ok:
+        raise click.exceptions.Exit(1)
 
 
 @layerfix.command()

@@ -83,8 +83,8 @@ def fix(
     paths = options.path_settings()
     stack = open_stack(source, options)
     check_options(target, options.output, find_writer(target, stack).takes, flag)
-    min_feature_mm = _min_feature_mm(options)
-    mode = options.correction.mode or _usual_mode(options.printer, stack)
+    min_feature_mm = min_feature_of(options)
+    mode = options.correction.mode or usual_mode(options.printer, stack)
     if options.run.layers is not None:
         stack = _chosen(source, stack, options.run.layers)
     tolerance_mm = options.output.get("tolerance_mm")
@@ -146,7 +146,7 @@ def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
             f"{source}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)"
         )
     first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
-    min_feature_mm = _min_feature_mm(options)
+    min_feature_mm = min_feature_of(options)
     feature_of_mm(min_feature_mm, pixel_mm)  # or it says why not
     paths = options.path_settings()
     if paths is not None:
@@ -192,14 +192,14 @@ def _chosen(source: Path, stack: LayerStack, layers: tuple[int, int]) -> LayerSt
     return stack[first:stop]
 
 
-def _usual_mode(printer: Printer | None, stack: LayerStack) -> Mode:
+def usual_mode(printer: Printer | None, stack: LayerStack) -> Mode:
     """The printer's mode; without one, that of resin printers for a resin job."""
     if printer:
         return printer.mode
     return "add_only" if stack.container is not None else "as_printed"
 
 
-def _min_feature_mm(options: Options) -> float:
+def min_feature_of(options: Options) -> float:
     if options.correction.min_feature_mm is not None:
         return options.correction.min_feature_mm
     if options.printer is None:

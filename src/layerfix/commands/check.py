@@ -1,0 +1,142 @@
+"""The verdict before printing: what a printer would lose of a mesh, a job or images, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from layerfix.commands.fix import min_feature_of, open_stack, usual_mode
+from layerfix.files import check_input
+from layerfix.layers.verdict import judge
+from layerfix.units import counted, format_mm
+
+if TYPE_CHECKING:
+    from layerfix.commands.options import Options
+    from layerfix.layers.topology import TopologyChange
+    from layerfix.layers.verdict import LayerVerdict, Place
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What `layerfix check --json` prints: docs/check.md says it key by key. ok: nothing would be lost."""
+
+    schema_version: int
+    source: str
+    ok: bool
+    layers: int
+    size_px: tuple[int, int]
+    pixel_mm: tuple[float, float]
+    min_feature_mm: float
+    features_lost: int
+    parts_lost: int
+    layers_with_loss: int
+    lost_mm3: float
+    thinnest_mm: float | None
+    thinnest_z_mm: float | None
+    merged: int
+    closed: int
+    islands: tuple[Place, ...]
+    specks: tuple[Place, ...]
+    lost: tuple[Place, ...]
+    topology: tuple[TopologyChange, ...]
+    hairline_layers: int
+    notes: tuple[str, ...]
+    by_layer: tuple[LayerVerdict, ...]
+
+
+def check(
+    source: Path,
+    options: Options,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Verdict:
+    """Judge `source` at the minimum feature. Raises InputError as `fix` does; nothing is written."""
+    check_input(source)
+    stack = open_stack(source, options).with_workers(options.run.workers)
+    min_feature_mm = min_feature_of(options)
+    mode = options.correction.mode or usual_mode(options.printer, stack)
+    spurs = options.correction.spurs or "metric"
+    layers = []
+    for verdict in judge(stack, min_feature_mm=min_feature_mm, add_only=mode == "add_only", spurs=spurs):
+        layers.append(verdict)
+        progress(len(layers), len(stack))
+    thin = [one for one in layers if one.thinnest_mm is not None]
+    narrow = min(thin, key=lambda one: one.thinnest_mm or 0.0, default=None)
+    topology = sorted((change for one in layers for change in one.topology), key=lambda change: -change.area_mm2)
+    lost = sorted((place for one in layers for place in one.lost), key=lambda place: -place.area_mm2)
+    return Verdict(
+        schema_version=SCHEMA_VERSION,
+        source=str(source),
+        ok=not any(one.features_lost or one.lost for one in layers),
+        layers=len(layers),
+        size_px=(stack.width, stack.height),
+        pixel_mm=stack.pixel_mm,
+        min_feature_mm=min_feature_mm,
+        features_lost=sum(one.features_lost for one in layers),
+        parts_lost=len(lost),
+        layers_with_loss=sum(bool(one.features_lost or one.lost) for one in layers),
+        lost_mm3=sum(one.lost_mm2 * (one.z_mm[1] - one.z_mm[0]) for one in layers),
+        thinnest_mm=narrow.thinnest_mm if narrow else None,
+        thinnest_z_mm=narrow.z_mm[0] if narrow else None,
+        merged=sum(change.count for change in topology if change.kind == "merged"),
+        closed=sum(change.kind == "closed" for change in topology),
+        islands=tuple(place for one in layers for place in one.islands),
+        specks=tuple(place for one in layers for place in one.alone),
+        lost=tuple(lost),
+        topology=tuple(topology),
+        hairline_layers=sum(one.hairline_px > 0 for one in layers),
+        notes=tuple(stack.notes),
+        by_layer=tuple(layers),
+    )
+
+
+def lines_of(v: Verdict) -> list[tuple[str, str]]:
+    """The few lines a user wants to see."""
+    feature = format_mm(v.min_feature_mm)
+    rows = [("layers", f"{v.layers} of {v.size_px[0]} × {v.size_px[1]} px")]
+    if v.ok:
+        rows.append(("verdict", f"nothing is narrower than {feature}: nothing would be lost"))
+    else:
+        rows.append(
+            (
+                "verdict",
+                f"{counted(v.features_lost, 'feature')} narrower than {feature} would be lost,"
+                f" in {counted(v.layers_with_loss, 'layer')}; after correction 0",
+            )
+        )
+        rows.append(("lost", f"{v.lost_mm3:.4g} mm³; {counted(v.parts_lost, 'part')} of layers as a whole"))
+    if v.thinnest_mm is not None:
+        precision = format_mm(max(v.pixel_mm) / 2)
+        rows.append(
+            ("thinnest", f"{format_mm(round(v.thinnest_mm, 4))} (± {precision}) at z = {v.thinnest_z_mm:.3f} mm")
+        )
+    rows += [("", _where(place)) for place in v.lost[:3]]
+    if v.hairline_layers:
+        rows.append(("hairlines", f"thinner than a pixel in {counted(v.hairline_layers, 'layer')}"))
+    if v.merged or v.closed:
+        rows.append(
+            ("corrected", f"{counted(v.merged, 'part')} would grow together, {counted(v.closed, 'hole')} close")
+        )
+    if v.islands:
+        rows.append(("islands", f"{counted(len(v.islands), 'part')} on nothing below, as at {_where(v.islands[0])}"))
+    if v.specks:
+        rows.append(
+            ("specks", f"{counted(len(v.specks), 'island')} with nothing above either, as at {_where(v.specks[0])}")
+        )
+    return rows + [("note", note) for note in v.notes]
+
+
+def markdown_of(v: Verdict) -> str:
+    """The same as a table, for a pull request."""
+    sign = "✅" if v.ok else "⚠️"
+    rows = [f"| {name or 'at'} | {value} |" for name, value in lines_of(v)]
+    name = Path(v.source).name.replace("|", "\\|").replace("`", "'")
+    return "\n".join([f"### {sign} layerfix check: `{name}`", "", "| | |", "|---|---|", *rows])
+
+
+def _where(place: Place) -> str:
+    left, bottom, right, top = (f"{value:.2f}" for value in place.box_mm)
+    return f"x {left} to {right}, y {bottom} to {top}, z = {place.z_mm[0]:.3f} mm ({place.area_mm2:.3g} mm²)"

@@ -1,0 +1,168 @@
+"""The verdict before printing: what would be lost, where, and how the command ends."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy import ndimage
+
+from layerfix import LayerStack, correct
+from layerfix.commands.check import Verdict
+from layerfix.layers.verdict import LayerVerdict, Place, judge
+from tests import slow_metric
+from tests.making import box, joined, run_layerfix, save_stl
+from tests.pictures_as_text import block, framed, images, round_dot
+
+ALL_AROUND = np.ones((3, 3))
+DOCS = Path(__file__).parents[1] / "docs" / "check.md"
+
+
+def stack_of(*layers: np.ndarray) -> LayerStack:
+    return LayerStack.from_images(layers, pixel_mm=1.0, layer_mm=0.5)
+
+
+def test_a_block_with_a_fin_and_a_pin():
+    """One part whole, a fin on it and a pin beside it: two features, one part lost; a corner is none."""
+    image = framed(np.zeros((40, 90), bool), 8)
+    image[12:40, 12:40] = True
+    image[20:23, 40:70] = True
+    image[34, 80] = True
+    (one,) = judge(stack_of(image), min_feature_mm=8)
+    assert (one.parts, one.features_lost, one.thinnest_mm) == (2, 2, 1)
+    (place,) = one.lost
+    assert place.area_mm2 == 1
+    left, bottom, right, top = place.box_mm
+    assert (right - left, top - bottom) == (1, 1)
+    fin_mm2 = 30 * 3
+    assert fin_mm2 - 12 <= one.lost_mm2 <= fin_mm2 + 1
+
+
+@settings(max_examples=100)
+@given(images())
+def test_what_is_lost_is_what_the_opening_misses(image):
+    """Parts of S without a pixel of S ∘ F, on anything; and nothing is lost of what was corrected."""
+    image = framed(image, 9)
+    (one,) = judge(stack_of(image), min_feature_mm=5)
+    labels, count = ndimage.label(image, ALL_AROUND)
+    kept = set(labels[slow_metric.opening(image, 5, 5)])
+    assert one.parts == count
+    assert len(one.lost) == count - len(kept - {0})
+    assert sum(place.area_mm2 for place in one.lost) == sum(
+        (labels == k).sum() for k in range(1, count + 1) if k not in kept
+    )
+    (after,) = judge(correct(stack_of(image), min_feature_mm=5), min_feature_mm=5)
+    assert after.lost == ()
+    assert (one.thinnest_mm is None) == (one.features_lost == 0)
+
+
+def test_islands_begin_on_nothing_and_specks_end_there_too():
+    """A post that starts in the air, a speck, a bridge that leans on a neighbour, a first layer."""
+    foot = block(20, 20, 20)
+    with_post, with_speck = foot.copy(), foot.copy()
+    with_post[45:52, 45:52] = True
+    with_speck[5, 5] = True
+    leaning = foot.copy()
+    leaning[19, 40] = True  # beside the foot's corner
+    layers = [*judge(stack_of(foot, with_post, with_post | with_speck, leaning), min_feature_mm=4)]
+    assert [len(one.islands) for one in layers] == [0, 1, 1, 0]
+    assert [len(one.alone) for one in layers] == [0, 0, 1, 0]
+    (island,) = layers[1].islands
+    assert (island.z_mm, island.area_mm2) == ((0.5, 1.0), 49.0)
+
+
+def test_layers_come_in_order_whatever_the_workers():
+    """The same verdicts for 1 and 8 threads."""
+    layers = [round_dot(radius, 41) for radius in (1, 9, 3, 2, 14, 5)] * 3
+    one, many = ([*judge(stack_of(*layers).with_workers(n), min_feature_mm=6)] for n in (1, 8))
+    assert one == many
+    assert [layer.z_mm[0] for layer in one] == sorted(layer.z_mm[0] for layer in one)
+
+
+def test_empty_layers_have_nothing_to_lose():
+    """None at all, and one between others: what is above it begins on nothing."""
+    layers = [*judge(stack_of(block(9, 9, 9), np.zeros((27, 27), bool), block(9, 9, 9)), min_feature_mm=4)]
+    assert [one.parts for one in layers] == [1, 0, 1]
+    assert [len(one.islands) for one in layers] == [0, 0, 1]
+
+
+FIX = ("--pixel", "50um", "--layer", "0.1mm", "--min-feature", "0.4mm")
+
+
+@pytest.fixture
+def part(tmp_path):
+    """A plate with a fin of 0.1 mm on it."""
+    path = tmp_path / "part.stl"
+    save_stl(path, joined(box([0, 0, 0], [6, 4, 0.5]), box([2, 0.5, 0.25], [2.1, 3.5, 2])))
+    return path
+
+
+def test_the_command_says_what_is_lost_and_ends_with_1(part):
+    """The sentence, the thinnest place, and an exit code for scripts."""
+    run = run_layerfix("check", part, *FIX)
+    assert run.code == 1
+    assert re.search(
+        r"verdict +15 features narrower than 0\.4 mm would be lost, in 15 layers; after correction 0", run.out
+    )
+    assert re.search(r"thinnest +0\.1 mm \(± 25 µm\) at z = ", run.out)
+    assert run.err == ""
+
+
+def test_the_command_ends_with_0_where_nothing_is_lost(tmp_path):
+    """And says so."""
+    path = tmp_path / "thick.stl"
+    save_stl(path, box([0, 0, 0], [6, 4, 1]))
+    run = run_layerfix("check", path, *FIX)
+    assert (run.code, run.err) == (0, "")
+    assert "nothing is narrower than 0.4 mm: nothing would be lost" in run.out
+
+
+def test_what_was_corrected_passes(part, tmp_path):
+    """`fix`, then `check` of the images."""
+    assert run_layerfix("fix", part, tmp_path / "fixed.zip", *FIX).code == 0
+    options = ("--pixel", "50um", "--layer", "0.1mm", "--min-feature", "0.4mm")
+    run = run_layerfix("check", tmp_path / "fixed.zip", *options)
+    assert run.code == 0, run.out
+
+
+def test_the_command_ends_with_2_where_it_cannot_read(tmp_path, part):
+    """One line, no traceback."""
+    path = tmp_path / "broken.stl"
+    path.write_bytes(b"solid nothing")
+    run = run_layerfix("check", path, *FIX)
+    assert run.code == 2
+    assert run.out == ""
+    assert len(run.err.strip().splitlines()) == 1
+    assert run_layerfix("check", part, "--json", "--markdown").code == 2
+
+
+def test_json_is_what_the_docs_say(part):
+    """Every key is in docs/check.md and in the object, on both levels."""
+    run = run_layerfix("check", part, *FIX, "--json")
+    said = json.loads(run.out)
+    assert run.code == 1
+    text = DOCS.read_text(encoding="utf-8")
+    documented = set(re.findall(r"`(\w+)`", text.partition("| key |")[2]))
+    for kind, found in ((Verdict, said), (LayerVerdict, said["by_layer"][-1]), (Place, None)):
+        names = {field.name for field in dataclasses.fields(kind)}
+        assert names <= documented
+        assert found is None or set(found) == names
+    assert said["schema_version"] == 1
+    assert not said["ok"]
+    assert said["features_lost"] == sum(layer["features_lost"] for layer in said["by_layer"]) == 15
+    assert len(said["by_layer"]) == said["layers"] == 20
+
+
+def test_markdown_is_a_table(part, tmp_path):
+    """For a pull request, whatever the file is called."""
+    odd = tmp_path / "a|b`c.stl"
+    odd.write_bytes(part.read_bytes())
+    run = run_layerfix("check", odd, *FIX, "--markdown")
+    lines = run.out.splitlines()
+    assert lines[0] == "### ⚠️ layerfix check: `a\\|b'c.stl`"
+    assert all(line.startswith("|") and line.endswith("|") for line in lines[2:])
