@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from layerfix import correct, correct_image, read, write
+from layerfix import correct, read, write
 from layerfix.errors import InputError, OutputError
 from layerfix.formats.jobs import chitu
 from tests import independent_readers as plain
@@ -334,7 +334,7 @@ def test_data_that_only_touch_are_not_shared(tmp_path, magic):
     assert [at for at, _ in after] == [at for at, _ in before]
     assert after[1][1] < before[1][1]
     assert target.stat().st_size == source.stat().st_size
-    expected = correct_image(comb > 0, mode="add_only", min_feature_px=6)
+    expected = corrected_on_panel(comb > 0, (3.0, 3.0), "add_only")
     for index, image in enumerate(plain.read_chitu(target).layers):
         assert np.array_equal(image > 0, expected if index % 2 else solid > 0)
 

@@ -16,7 +16,7 @@ NEEDLE = box([0.51, 0.51, 0], [0.54, 0.54, 9])  # between the centres of 0.1 mm 
 def test_a_part_of_which_nothing_is_solid_is_refused():
     """With its size, the height of the layers, the pixels, and what was said when it was read."""
     needle = Mesh(NEEDLE.vertices, NEEDLE.faces, "needle.stl", ("1 beam left out",))
-    stack = slice_mesh(needle, pixel_mm=(0.1, 0.2), layer_mm=0.3)
+    stack = slice_mesh(needle, pixel_mm=(0.1, 0.2), layer_mm=0.3, hairlines=False)
     with pytest.raises(InputError) as caught:
         told_of_ends(stack, needle)
     for words in ("needle.stl", "0.03 × 0.03 × 9 mm", "30 layers of 0.3 mm", "0.1 mm × 0.2 mm", "1 beam left out"):
@@ -33,7 +33,7 @@ def test_a_mesh_inside_out_is_nothing_to_positive_fill():
 def test_empty_layers_at_the_ends_are_told():
     """A box with needles above and below: from where to where nothing is left."""
     mesh = joined(box([0, 0, 2], [2, 2, 3]), NEEDLE)
-    stack = told_of_ends(slice_mesh(mesh, pixel_mm=0.1, layer_mm=0.5), mesh)
+    stack = told_of_ends(slice_mesh(mesh, pixel_mm=0.1, layer_mm=0.5, hairlines=False), mesh)
     assert stack.notes == (
         "4 layers are empty at the bottom, up to z = 2.000 mm: the print would begin in the air",
         "12 layers are empty at the top, from z = 3.000 mm on: nothing there reaches a pixel's centre",
@@ -42,7 +42,7 @@ def test_empty_layers_at_the_ends_are_told():
     assert ends is not None
     assert tuple(ends) == (4, 5)
     one = told_of_ends(slice_mesh(joined(box([0, 0, 0], [2, 2, 1]), box([0.51, 0.51, 0], [0.54, 0.54, 1.5])),
-                                  pixel_mm=0.1, layer_mm=0.5), mesh)  # fmt: skip
+                                  pixel_mm=0.1, layer_mm=0.5, hairlines=False), mesh)  # fmt: skip
     assert one.notes[0].startswith("1 layer is empty at the top")
 
 

@@ -46,6 +46,9 @@ def test_the_commands_of_the_readme_run_one_after_the_other(folder):
     assert len(COMMANDS) >= 8
     for command in COMMANDS:
         arguments = shlex.split(command)[1:]
+        if arguments[0] == "check":  # 1: something would be lost
+            assert run_layerfix(*arguments).code in (0, 1), command
+            continue
         targets = [b for a, b in pairwise(arguments) if a == "-o"] or arguments[2:3]
         if arguments[1] == "part.stl":
             for target in targets:

@@ -95,7 +95,7 @@ def test_solid_layers_of_the_test_part(part, settings, index):
     beads = plan_toolpaths(part, replace(settings, density=1.0))[index]
     found = proof(beads.paths, shape_of(part, part[index]))
     assert found.iou >= 0.97
-    assert found.least_component > 0.8
+    assert found.least_component > 0.78  # a pin of 0.8 mm, which is F and two beads
     assert found.outside < 0.01
     assert found.astray_mm < 1e-6
     assert found.narrowest_mm >= NARROWEST_MM

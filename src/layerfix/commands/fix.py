@@ -23,7 +23,7 @@ from layerfix.formats import (
     write,
 )
 from layerfix.layers.correction import correct
-from layerfix.layers.feature import feature_of_mm
+from layerfix.layers.feature import check_feature_mm
 from layerfix.mesh.empty import empty_between, empty_ends, told_of_ends
 from layerfix.mesh.slicing import slice_mesh
 from layerfix.units import counted, format_mm
@@ -147,7 +147,7 @@ def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
         )
     first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
     min_feature_mm = min_feature_of(options)
-    feature_of_mm(min_feature_mm, pixel_mm)  # or it says why not
+    check_feature_mm(min_feature_mm, pixel_mm)
     paths = options.path_settings()
     if paths is not None:
         for height in (layer_mm, first_mm or layer_mm):
@@ -200,6 +200,7 @@ def usual_mode(printer: Printer | None, stack: LayerStack) -> Mode:
 
 
 def min_feature_of(options: Options) -> float:
+    """What was given, or the printer's. Raises InputError if there is neither."""
     if options.correction.min_feature_mm is not None:
         return options.correction.min_feature_mm
     if options.printer is None:

@@ -85,10 +85,13 @@ def _reach_and_block(size_px: float) -> tuple[int, int]:
 
 
 def feature_of_mm(min_feature_mm: float, pixel_mm: tuple[float, float]) -> Feature:
-    """F by its size in mm.
+    """F by its size in mm. Raises InputError as `check_feature_mm` and `feature_of_size` do."""
+    check_feature_mm(min_feature_mm, pixel_mm)
+    return feature_of_size((min_feature_mm / pixel_mm[0], min_feature_mm / pixel_mm[1]))
 
-    Raises InputError if it is not above 0, or so small that F is a single pixel and nothing can be too thin.
-    """
+
+def check_feature_mm(min_feature_mm: float, pixel_mm: tuple[float, float]) -> None:
+    """Raises InputError unless F is above 0 and so large that something can be too thin: two pixels."""
     if not 0 < min_feature_mm < np.inf:
         raise InputError(f"minimum feature {min_feature_mm} mm: it must be above 0")
     dx, dy = min_feature_mm / pixel_mm[0], min_feature_mm / pixel_mm[1]
@@ -98,4 +101,3 @@ def feature_of_mm(min_feature_mm: float, pixel_mm: tuple[float, float]) -> Featu
             f" {' × '.join(format_mm(p) for p in sorted(set(pixel_mm)))}: no layer can hold anything thinner,"
             " so there is nothing to correct; use smaller pixels or a larger feature"
         )
-    return feature_of_size((dx, dy))

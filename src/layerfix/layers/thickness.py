@@ -16,7 +16,7 @@ EVERY_PX, APART_PX = 5, 3  # along a path, where nothing is narrower than before
 DIRECTIONS = 24
 RAY_PX = 0.6  # half the breadth of a look in one direction
 LONE_PX = 1.3  # mean width of what is a pixel or two
-SMALL_PIN, ROUND_PIN = 1.8, 1.3  # most over least width of what is a pin, under five pixels and above
+SMALL_PIN, ROUND_PIN = 1.8, 1.35  # most over least width of what is a pin, under five pixels and above
 
 
 @njit
