@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from layerfix.bits import Rows
 
 NUMBERS = types.Array(types.int64, 1, "C")
+RUNS = types.Array(types.int64, 2, "C")
 
 
 @njit
@@ -56,7 +57,7 @@ def root_of(parent, k):  # type: ignore[no-untyped-def]
     return k
 
 
-@njit
+@njit(types.Tuple((RUNS, NUMBERS, types.int64))(WORK, types.boolean), cache=True, nogil=True)
 def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
     """Components of the solid (8-connected) or of the void (4-connected, with the border round the layer).
 

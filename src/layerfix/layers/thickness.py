@@ -108,7 +108,7 @@ def _between_mm(slope, start, least, most):  # type: ignore[no-untyped-def]
     return min(a, b) - 1e-9, max(a, b) + 1e-9
 
 
-@njit
+@njit(types.UniTuple(types.float64, 2)(WORK, *[types.float64] * 8), cache=True, nogil=True)
 def _edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """(farthest solid, nearest void) pixel centre from the point (y, x) along the direction u, in mm, among those up
     to `along_mm` to either side of it and `beyond_mm` away."""

@@ -66,7 +66,7 @@ def _three(columns, y, x):  # type: ignore[no-untyped-def]
     return (columns[w, y] >> np.uint64(bit - 1)) & np.uint64(7)
 
 
-@njit
+@njit(types.int64(WORK, types.int64, types.int64), cache=True, nogil=True)
 def _neighbourhood(columns, y, x):  # type: ignore[no-untyped-def]
     """The eight neighbours of (y, x), bit k for neighbour k + 1."""
     up, middle, low = (

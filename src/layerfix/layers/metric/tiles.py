@@ -121,7 +121,7 @@ def _grown(west, here, east, within, line, element):  # type: ignore[no-untyped-
             line[i] = within[i] & (here[i] | here[i + 1] | here[i + 2])
 
 
-@njit
+@njit(types.void(WORK, FLAGS, WORK, types.int64, WORK, FLAGS), cache=True, nogil=True)
 def grow(image, live, within, element, out, out_live):  # type: ignore[no-untyped-def]
     """out = within ∩ (image ⊕ element)."""
     words, height = image.shape
