@@ -69,9 +69,11 @@ def test_islands_begin_on_nothing_and_specks_end_there_too():
     with_speck[5, 5] = True
     leaning = foot.copy()
     leaning[19, 40] = True  # beside the foot's corner
-    layers = [*judge(stack_of(foot, with_post, with_post | with_speck, leaning), min_feature_mm=4)]
+    layers = [*judge(stack_of(with_speck, with_post, with_post | with_speck, leaning), min_feature_mm=4)]
     assert [len(one.islands) for one in layers] == [0, 1, 1, 0]
-    assert [len(one.alone) for one in layers] == [0, 0, 1, 0]
+    assert [len(one.alone) for one in layers] == [1, 0, 1, 0]
+    (single,) = judge(stack_of(with_speck), min_feature_mm=4)
+    assert (single.islands, single.alone) == ((), ())
     (island,) = layers[1].islands
     assert (island.z_mm, island.area_mm2) == ((0.5, 1.0), 49.0)
 
@@ -164,5 +166,17 @@ def test_markdown_is_a_table(part, tmp_path):
     odd.write_bytes(part.read_bytes())
     run = run_layerfix("check", odd, *FIX, "--markdown")
     lines = run.out.splitlines()
-    assert lines[0] == "### ⚠️ layerfix check: `a\\|b'c.stl`"
+    assert lines[0] == "### :warning: layerfix check: `a\\|b'c.stl`"
     assert all(line.startswith("|") and line.endswith("|") for line in lines[2:])
+
+
+@settings(max_examples=60)
+@given(images())
+def test_what_is_left_is_what_is_found_in_the_corrected_layer(image):
+    """In both modes; as printed, nothing."""
+    stack = stack_of(framed(image, 9))
+    for mode in ("as_printed", "add_only"):
+        (one,) = judge(stack, min_feature_mm=5, add_only=mode == "add_only")
+        (after,) = judge(correct(stack, min_feature_mm=5, mode=mode), min_feature_mm=5)
+        assert one.features_left == after.features_lost
+        assert mode == "add_only" or after.features_lost == 0

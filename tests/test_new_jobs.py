@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import struct
 import zipfile
 
@@ -217,3 +218,22 @@ def test_sl1_says_the_height_of_its_first_layer_and_of_the_others(tmp_path):
 def test_colours_of_previews_are_5_6_5_bits(rgb, word):
     """Red in the highest five bits, green in the middle six, blue in the lowest five, the high byte first."""
     assert goo._rgb565(Image.new("RGB", (2, 1), rgb)) == word.to_bytes(2, "big") * 2
+
+
+@pytest.mark.parametrize("suffix", [".goo", ".sl1s"])
+def test_layers_that_repeat_are_corrected_each_with_its_own_feature(tmp_path, suffix):
+    """A job of equal layers, the first drawn wider; what merged there is told where it is."""
+    printer = own(tmp_path, suffix)
+    image = np.zeros((120, 200), bool)
+    image[60, 40:160] = image[70, 40:160] = True
+    job = tmp_path / f"job{suffix}"
+    lf.write(job, LayerStack.from_images([image] * 4, pixel_mm=0.05, layer_mm=0.1), printer)
+    assert lf.read(job).repeats.tolist() == [False, True, True, True]
+    wide = ("--first-layer-min-feature", "0.8mm")
+    run = run_layerfix("fix", job, tmp_path / f"fixed{suffix}", "--min-feature", "0.3mm", *wide, "--json")
+    assert [layer.count_px() > 3000 for layer in lf.read(tmp_path / f"fixed{suffix}")] == [True, False, False, False]
+    (merged,) = json.loads(run.out)["topology"]
+    assert (merged["kind"], merged["z_mm"]) == ("merged", [0, 0.1])
+    run = run_layerfix("fix", job, tmp_path / f"other{suffix}", "--min-feature", "0.8mm", "--json")
+    merged = json.loads(run.out)["topology"]
+    assert np.allclose([change["z_mm"] for change in merged], np.add.outer(np.arange(4) * 0.1, [0, 0.1]))

@@ -204,6 +204,17 @@ def test_map_changes_each_layer_when_asked_and_not_before():
     assert np.array_equal(mapped.map(inverted)[3].image(), IMAGES[3])
 
 
+def test_what_looks_at_heights_is_asked_for_every_layer():
+    """A mapped stack forgets which layers repeat, unless it is said that only pixels count."""
+
+    def only_high(layer: Layer) -> Layer:
+        return replace(layer, rows=layer.rows if layer.z_mm[0] > 0.3 else np.zeros_like(layer.rows))
+
+    stack = replace(LayerStack.from_images([IMAGES[0]] * 3, pixel_mm=0.1, layer_mm=0.2), repeats=np.arange(3) > 0)
+    assert [*stack.map(only_high).each(Layer.count_px, once=True)] == [0, 0, IMAGES[0].sum()]
+    assert [*stack.map(only_high, pixels_only=True).each(Layer.count_px, once=True)] == [0, 0, 0]
+
+
 def test_with_workers_is_another_stack_with_the_same_layers():
     """The number of threads of the first stays."""
     stack = stack_of_images()

@@ -108,6 +108,13 @@ class Layer:
         """What is known of the layer, to be kept for every layer of a stack."""
         return replace(self, rows=self.rows[:0].copy(), source=None)
 
+    def at(self, z_mm: tuple[float, float]) -> Layer:
+        """The same layer at another height."""
+        change = self.change
+        if change is not None and change.topology:
+            change = replace(change, topology=tuple(replace(one, z_mm=z_mm) for one in change.topology))
+        return replace(self, z_mm=z_mm, change=change)
+
     def image(self) -> Image:
         """(H, W) bool, row 0 at the back of the build plate (largest y)."""
         return unpack(self.rows, self.width)
@@ -240,9 +247,12 @@ class LayerStack(Sequence[Layer]):
     def __iter__(self) -> Iterator[Layer]:
         return self.each(lambda layer: layer)
 
-    def map(self, change: Callable[[Layer], Layer]) -> LayerStack:
-        """The stack whose layers are `change` of these, computed when asked for. The frame and z's stay."""
-        return replace(self, make=_Changed(self.make, change))
+    def map(self, change: Callable[[Layer], Layer], *, pixels_only: bool = False) -> LayerStack:
+        """The stack whose layers are `change` of these, computed when asked for. The frame and z's stay.
+
+        pixels_only  `change` makes equal pixels of equal pixels, at any height: what repeats still does
+        """
+        return replace(self, make=_Changed(self.make, change), repeats=self.repeats if pixels_only else None)
 
     def with_workers(self, workers: int) -> LayerStack:
         """The same layers, made by so many threads (0: one per core)."""

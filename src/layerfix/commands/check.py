@@ -32,6 +32,7 @@ class Verdict:
     pixel_mm: tuple[float, float]
     min_feature_mm: float
     features_lost: int
+    features_left: int
     parts_lost: int
     layers_with_loss: int
     lost_mm3: float
@@ -76,6 +77,7 @@ def check(
         pixel_mm=stack.pixel_mm,
         min_feature_mm=min_feature_mm,
         features_lost=sum(one.features_lost for one in layers),
+        features_left=sum(one.features_left for one in layers),
         parts_lost=len(lost),
         layers_with_loss=sum(bool(one.features_lost or one.lost) for one in layers),
         lost_mm3=sum(one.lost_mm2 * (one.z_mm[1] - one.z_mm[0]) for one in layers),
@@ -104,7 +106,7 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
             (
                 "verdict",
                 f"{counted(v.features_lost, 'feature')} narrower than {feature} would be lost,"
-                f" in {counted(v.layers_with_loss, 'layer')}; after correction 0",
+                f" in {counted(v.layers_with_loss, 'layer')}; after correction {v.features_left}",
             )
         )
         rows.append(("lost", f"{v.lost_mm3:.4g} mm³; {counted(v.parts_lost, 'part')} of layers as a whole"))
@@ -124,14 +126,14 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
         rows.append(("islands", f"{counted(len(v.islands), 'part')} on nothing below, as at {_where(v.islands[0])}"))
     if v.specks:
         rows.append(
-            ("specks", f"{counted(len(v.specks), 'island')} with nothing above either, as at {_where(v.specks[0])}")
+            ("specks", f"{counted(len(v.specks), 'part')} with nothing below and above, as at {_where(v.specks[0])}")
         )
     return rows + [("note", note) for note in v.notes]
 
 
 def markdown_of(v: Verdict) -> str:
     """The same as a table, for a pull request."""
-    sign = "✅" if v.ok else "⚠️"
+    sign = ":white_check_mark:" if v.ok else ":warning:"
     rows = [f"| {name or 'at'} | {value} |" for name, value in lines_of(v)]
     name = Path(v.source).name.replace("|", "\\|").replace("`", "'")
     return "\n".join([f"### {sign} layerfix check: `{name}`", "", "| | |", "|---|---|", *rows])

@@ -324,15 +324,21 @@ def _specks(done: list[Layer]) -> list[str]:
 
 
 def _told_of(topology: tuple[TopologyChange, ...]) -> list[str]:
-    """What grew together and what closed: how much, and the three worst places."""
+    """What grew together, what closed, what was closed off: how much, and the three worst places."""
     words = []
-    for kind, what in (("merged", "parts grew together"), ("closed", "holes closed")):
-        found = [one for one in topology if one.kind == kind]
+    for kind, one, many in (
+        ("merged", "part grew together with another", "parts grew together"),
+        ("closed", "hole closed", "holes closed"),
+        ("enclosed", "gap closed at its mouth or across", "gaps closed at their mouths or across"),
+        ("split", "part fell apart", "parts fell apart"),
+    ):
+        found = [change for change in topology if change.kind == kind]
         if found:
-            heights = len({one.z_mm for one in found})
-            number = sum(one.count for one in found)
+            heights = len({change.z_mm for change in found})
+            number = sum(change.count - (kind != "merged") if change.count > 1 else 1 for change in found)
             into = f" into {len(found)}" if kind == "merged" else ""
-            words.append(f"{number} {what}{into}, in {counted(heights, 'layer')}; the largest: {_places(found)}")
+            what = f"{number} {one if number == 1 else many}{into}"
+            words.append(f"{what}, in {counted(heights, 'layer')}; the largest: {_places(found)}")
     return words
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -26,7 +25,7 @@ def encoded(stack: LayerStack, encode: Callable[[Layer], Data], watch: Watch | N
     for index, (data, facts) in enumerate(stack.each(work, once=once)):
         if watch is not None:
             bottom, top = stack.z_mm[index].tolist()
-            watch(index, replace(facts, z_mm=(bottom, top)))
+            watch(index, facts.at((bottom, top)))
         yield data
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 NUMBERS = types.Array(types.int64, 1, "C")
 RUNS = types.Array(types.int64, 2, "C")
+AREA, LEFT, TOP, RIGHT, BOTTOM = range(5)  # columns of `measured_parts`
 
 
 @njit
@@ -92,6 +93,32 @@ def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
                 j += 1
         above, above_stop = first, n
     return runs[:n], parent[:n], count
+
+
+@njit(types.Tuple((NUMBERS, RUNS))(RUNS, NUMBERS), cache=True, nogil=True)
+def measured_parts(runs, parent):  # type: ignore[no-untyped-def]
+    """What `label_runs` found, measured: ((n,) the number of each run's component; (components, 5): area, then left,
+    top, right and bottom, the last two past the end)."""
+    number = np.zeros(parent.shape[0], np.int64)
+    count = 0
+    for k in range(parent.shape[0]):
+        if parent[k] == k:
+            count += 1
+    parts = np.zeros((count, 5), np.int64)
+    count = 0
+    for k in range(parent.shape[0]):
+        y, first, stop = runs[k]
+        if parent[k] == k:  # a component's first run comes before its others
+            number[k] = count
+            parts[count, LEFT], parts[count, TOP] = first, y
+            count += 1
+        i = number[root_of(parent, k)]
+        number[k] = i
+        parts[i, LEFT] = min(parts[i, LEFT], first)
+        parts[i, RIGHT] = max(parts[i, RIGHT], stop)
+        parts[i, BOTTOM] = y + 1
+        parts[i, AREA] += stop - first
+    return number, parts
 
 
 @njit

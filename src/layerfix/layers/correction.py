@@ -22,7 +22,7 @@ from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, 
 from layerfix.layers.feature import Feature, Radius, feature_of_mm
 from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule, scratch_images, skeleton_columns
 from layerfix.layers.thickness import narrowest
-from layerfix.layers.topology import TopologyChange, changes_of, told
+from layerfix.layers.topology import TopologyChange, changes_of
 from layerfix.stack import Change
 from layerfix.units import format_mm
 
@@ -119,6 +119,9 @@ def correct(
             )
     of_layer = tuple(features[size_mm] for size_mm in sizes_mm)
     ignore_px = ignore_below_mm2 / (stack.pixel_mm[0] * stack.pixel_mm[1])
+    if stack.repeats is not None and len(sizes_mm) > 1:
+        other = np.concatenate([[True], np.diff(sizes_mm) != 0])
+        stack = replace(stack, repeats=stack.repeats & ~other)
     return stack.map(
         _Correction(
             of_layer,
@@ -128,7 +131,8 @@ def correct(
             stack.pixel_mm,
             stack.origin_mm,
             ignore_px * (1 - 1e-9),
-        )
+        ),
+        pixels_only=True,
     )
 
 
@@ -166,8 +170,7 @@ class _Correction:
         topology: tuple[TopologyChange, ...] = ()
         if added:
             corner_px = 64 * outer[2], outer[0]
-            found = told(*changes_of(solid_columns, printed_columns), corner_px, pixel_mm, self.origin_mm)
-            topology = tuple(replace(one, z_mm=layer.z_mm) for one in found)
+            topology = changes_of(solid_columns, printed_columns, corner_px, pixel_mm, self.origin_mm, layer.z_mm)
         thinnest = thinnest_mm if thinnest_mm < np.inf else None
         change = Change(solid, added, removed, thinnest, feature.radius_px, topology, ignored_px, paths)
         return replace(layer, rows=rows, change=change)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from layerfix.bits import WORK, pack
 from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import bounding_box, to_columns, with_border
-from layerfix.layers.components import has_bit, label_runs, root_of
+from layerfix.layers.components import AREA, BOTTOM, LEFT, RIGHT, RUNS, TOP, label_runs, measured_parts
 from layerfix.stack import Layer, LayerStack
 
 if TYPE_CHECKING:
@@ -20,133 +20,132 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
 
-    Box = tuple[int, int, int, int]
+    Numbers = NDArray[np.int64]
 
-PARTS = types.Array(types.int64, 2, "C")
-AREA, LEFT, TOP, RIGHT, BOTTOM, BECOMES = range(6)  # columns of the kernel's tables
+Kind = Literal["merged", "split", "lost", "new", "closed", "enclosed", "opened"]
+
+OUTSIDE_PX = 1 << 40  # the void around the part, whose first run is the border's, is the largest
 
 
 @dataclass(frozen=True)
 class TopologyChange:
-    """Parts that became one, or a hole (a channel's cut) that is gone, in one layer.
+    """What became of components (8-connected) and of void parts (4-connected, the outside is one) in one layer.
 
-    kind      "merged": `count` components (8-connected) are one now; "closed": a void part (4-connected) is solid
-              now; "lost": a component has no pixel left
-    box_mm    (left, bottom, right, top) of what merged or was closed, on the stack's frame
-    area_mm2  of all merged components but the largest; of the hole; of what was lost
+    kind      "merged": `count` components are one now; "split": one is `count` now; "lost": one has no pixel left;
+              "new": there is one where all was void. "closed": a void part, such as a hole, is solid now;
+              "enclosed": a void part is `count` now: a channel closed at its mouth, a hole cut in two; "opened":
+              `count` void parts are one now or, if the count is 1, there is one where all was solid
+    box_mm    (left, bottom, right, top) on the stack's frame; of what was split or enclosed: of the smaller parts
+    area_mm2  of what is in the box; of several that became one: without the largest
     """
 
-    kind: Literal["merged", "closed", "lost"]
+    kind: Kind
     count: int
     box_mm: tuple[float, float, float, float]
     area_mm2: float
     z_mm: tuple[float, float] = (0.0, 0.0)
 
 
-@njit
-def _measured(runs, parent, other, of_void):  # type: ignore[no-untyped-def]
-    """(n, 6) of components given by runs: area, box (right and bottom past the last), 1 if `other` has part of it."""
-    number = np.zeros(parent.shape[0], np.int64)
-    count = 0
-    for k in range(parent.shape[0]):
-        if parent[k] == k:
-            number[k] = count
-            count += 1
-    out = np.zeros((count, 6), np.int64)
-    for k in range(parent.shape[0]):
-        i = number[root_of(parent, k)]
+@njit(types.Tuple((RUNS, RUNS, RUNS))(WORK, WORK, types.boolean), cache=True, nogil=True)
+def _overlaps(before, after, of_void):  # type: ignore[no-untyped-def]
+    """(components of `before`, of `after`: area and box; (n, 2): which of them share a pixel, some several times)."""
+    runs, parent, _ = label_runs(before, of_void)
+    number, parts = measured_parts(runs, parent)
+    other_runs, other_parent, _ = label_runs(after, of_void)
+    other_number, other_parts = measured_parts(other_runs, other_parent)
+    latest = np.full(parts.shape[0], -1, np.int64)
+    pairs = np.empty((runs.shape[0] + other_runs.shape[0], 2), np.int64)
+    n, j = 0, 0
+    for k in range(runs.shape[0]):
         y, first, stop = runs[k]
-        fresh = out[i, AREA] == 0
-        out[i, LEFT] = first if fresh else min(out[i, LEFT], first)
-        out[i, TOP] = y if fresh else min(out[i, TOP], y)
-        out[i, RIGHT] = stop if fresh else max(out[i, RIGHT], stop)
-        out[i, BOTTOM] = y + 1
-        out[i, AREA] += stop - first
-        if not out[i, BECOMES]:
-            out[i, BECOMES] = np.int64(has_bit(other, of_void, y, first, stop))
-    return out
-
-
-@njit(types.UniTuple(PARTS, 2)(WORK, WORK), cache=True, nogil=True)
-def _compared(before, after):  # type: ignore[no-untyped-def]
-    """(solid components of `before`: area, box, number of the component of `after` that holds a pixel of it, or -1;
-    void components: area, box, whether anything of them is left)."""
-    runs, parent, _ = label_runs(before, False)
-    solid = _measured(runs, parent, after, False)
-    after_runs, after_parent, _ = label_runs(after, False)
-    first_of_row = np.zeros(before.shape[1] + 1, np.int64)
-    for k in range(after_parent.shape[0]):
-        first_of_row[after_runs[k, 0] + 1] = k + 1
-    for y in range(before.shape[1]):
-        first_of_row[y + 1] = max(first_of_row[y + 1], first_of_row[y])
-    i = 0
-    for k in range(parent.shape[0]):
-        if parent[k] == k:
-            solid[i, BECOMES] = -1 - k  # not known yet
+        while j < other_runs.shape[0] and (
+            other_runs[j, 0] < y or (other_runs[j, 0] == y and other_runs[j, 2] <= first)
+        ):
+            j += 1
+        i = j
+        while i < other_runs.shape[0] and other_runs[i, 0] == y and other_runs[i, 1] < stop:
+            a, b = number[k], other_number[i]
+            if latest[a] != b:
+                pairs[n, 0], pairs[n, 1] = a, b
+                latest[a] = b
+                n += 1
             i += 1
-    number = np.zeros(parent.shape[0], np.int64)
-    i = 0
-    for k in range(parent.shape[0]):
-        if parent[k] == k:
-            number[k] = i
-            i += 1
-    for k in range(parent.shape[0]):
-        i = number[root_of(parent, k)]
-        if solid[i, BECOMES] >= 0:
-            continue
-        y, first, stop = runs[k]
-        for j in range(first_of_row[y], first_of_row[y + 1]):
-            if after_runs[j, 1] < stop and after_runs[j, 2] > first:
-                solid[i, BECOMES] = root_of(after_parent, j)
-                break
-    runs, parent, _ = label_runs(before, True)
-    return solid, _measured(runs, parent, after, True)
+    return parts, other_parts, pairs[:n].copy()
 
 
-def changes_of(before: NDArray[np.uint64], after: NDArray[np.uint64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The two tables of the kernel for two layers as columns of one box."""
-    found: tuple[NDArray[np.int64], NDArray[np.int64]] = _compared(before, after)
-    return found
-
-
-def told(
-    solid: NDArray[np.int64],
-    void: NDArray[np.int64],
+def changes_of(
+    before: NDArray[np.uint64],
+    after: NDArray[np.uint64],
     corner_px: tuple[int, int],
     pixel_mm: tuple[float, float],
     origin_mm: tuple[float, float],
+    z_mm: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[TopologyChange, ...]:
-    """The tables as what happened; corner_px: column and row of the frame where their counting begins."""
+    """What happened between two layers as columns of one box, the largest first.
 
-    def box_mm(rows: NDArray[np.int64]) -> tuple[float, float, float, float]:
-        left, right = rows[:, LEFT].min() + corner_px[0], rows[:, RIGHT].max() + corner_px[0]
-        top, bottom = rows[:, TOP].min() + corner_px[1], rows[:, BOTTOM].max() + corner_px[1]
-        return (
-            float(origin_mm[0] + left * pixel_mm[0]),
-            float(origin_mm[1] - bottom * pixel_mm[1]),
-            float(origin_mm[0] + right * pixel_mm[0]),
-            float(origin_mm[1] - top * pixel_mm[1]),
-        )
+    corner_px  column and row of the stack's frame where the box begins
+    """
+    found: list[TopologyChange] = []
 
-    area_mm2 = pixel_mm[0] * pixel_mm[1]
-    changes = []
-    order = np.argsort(solid[:, BECOMES], kind="stable")
-    for group in np.split(order, np.flatnonzero(np.diff(solid[order, BECOMES])) + 1):
-        rows = solid[group]
-        if len(rows) and rows[0, BECOMES] < 0:
-            changes.append(TopologyChange("lost", 1, box_mm(rows), float(rows[0, AREA] * area_mm2)))
-        elif len(rows) > 1:
-            joined_px = int(rows[:, AREA].sum() - rows[:, AREA].max())
-            changes.append(TopologyChange("merged", len(rows), box_mm(rows), joined_px * area_mm2))
-    closed = void[void[:, BECOMES] == 0]
-    changes += [TopologyChange("closed", 1, box_mm(row[None]), float(row[AREA] * area_mm2)) for row in closed]
-    return tuple(sorted(changes, key=lambda change: -change.area_mm2))
+    def tell(kind: Kind, count: int, parts: NDArray[np.int64], area_px: int) -> None:
+        left, right = (int(x) + corner_px[0] for x in (parts[:, LEFT].min(), parts[:, RIGHT].max()))
+        top, bottom = (int(y) + corner_px[1] for y in (parts[:, TOP].min(), parts[:, BOTTOM].max()))
+        box_mm = (
+            origin_mm[0] + left * pixel_mm[0], origin_mm[1] - bottom * pixel_mm[1],
+            origin_mm[0] + right * pixel_mm[0], origin_mm[1] - top * pixel_mm[1],
+        )  # fmt: skip
+        found.append(TopologyChange(kind, count, box_mm, area_px * pixel_mm[0] * pixel_mm[1], z_mm))
+
+    names: tuple[tuple[bool, Kind, Kind, Kind, Kind], ...] = (
+        (False, "merged", "split", "lost", "new"),
+        (True, "opened", "enclosed", "closed", "opened"),
+    )
+    for of_void, many_one, one_many, gone, new in names:
+        parts, others, pairs = _overlaps(before, after, of_void)
+        if of_void:
+            parts[0, AREA] = others[0, AREA] = OUTSIDE_PX
+        lone, other_lone, groups = _groups(len(parts), len(others), pairs)
+        for mine, its in groups:
+            if len(mine) > 1:
+                area = parts[mine, AREA]
+                tell(many_one, len(mine), parts[mine], int(area.sum() - area.max()))
+            if len(its) > 1:
+                smaller = np.delete(its, int(others[its, AREA].argmax()))
+                tell(one_many, len(its), others[smaller], int(others[smaller, AREA].sum()))
+        for k in lone:
+            tell(gone, 1, parts[k : k + 1], int(parts[k, AREA]))
+        for k in other_lone:
+            tell(new, 1, others[k : k + 1], int(others[k, AREA]))
+    return tuple(sorted(found, key=lambda change: -change.area_mm2))
+
+
+def _groups(count: int, other_count: int, pairs: Numbers) -> tuple[Numbers, Numbers, list[tuple[Numbers, Numbers]]]:
+    """(components without a counterpart, before and after; those before and after that hang together by shared
+    pixels, where it is not one that stays one)."""
+    mine, its = np.divmod(np.unique(pairs[:, 0] * max(other_count, 1) + pairs[:, 1]), max(other_count, 1))
+    shares, other_shares = np.bincount(mine, minlength=count), np.bincount(its, minlength=other_count)
+    mixed = (shares[mine] > 1) | (other_shares[its] > 1)
+    parent: dict[int, int] = {}
+
+    def root(k: int) -> int:
+        while (above := parent.setdefault(k, k)) != k:
+            parent[k] = k = parent[above]
+        return k
+
+    for a, b in zip(mine[mixed].tolist(), its[mixed].tolist(), strict=True):
+        one, other = root(a), root(count + b)
+        parent[max(one, other)] = min(one, other)
+    members: dict[int, list[int]] = {}
+    for k in sorted(parent):
+        members.setdefault(root(k), []).append(k)
+    groups = [(group[group < count], group[group >= count] - count) for group in map(np.array, members.values())]
+    return np.flatnonzero(shares == 0), np.flatnonzero(other_shares == 0), groups
 
 
 def compare_topology(
     before: LayerStack | Layer | ArrayLike, after: LayerStack | Layer | ArrayLike
 ) -> list[TopologyChange]:
-    """Which components merged and which holes closed between two layers or stacks, the largest first.
+    """Which components merged, split, were lost, and which voids closed, were enclosed or opened; the largest first.
 
     before, after  two stacks of one frame and as many layers; or two layers, or (H, W) images, whose pixels then
                    count as millimetres, the first row's upper edge at 0
@@ -159,9 +158,9 @@ def compare_topology(
                 f" {after.width} × {after.height} px: they have to match"
             )
         found = [
-            replace(change, z_mm=one.z_mm)
+            change
             for one, other in zip(before, after, strict=True)
-            for change in _of_layers(one.rows, other.rows, before.pixel_mm, before.origin_mm)
+            for change in _of_layers(one.rows, other.rows, before.pixel_mm, before.origin_mm, one.z_mm)
         ]
         return sorted(found, key=lambda change: -change.area_mm2)
     if isinstance(before, LayerStack) or isinstance(after, LayerStack):
@@ -173,10 +172,14 @@ def compare_topology(
 
 
 def _of_layers(
-    before: Rows, after: Rows, pixel_mm: tuple[float, float], origin_mm: tuple[float, float]
+    before: Rows,
+    after: Rows,
+    pixel_mm: tuple[float, float],
+    origin_mm: tuple[float, float],
+    z_mm: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[TopologyChange, ...]:
-    if not before.any() or np.array_equal(before, after):
+    if np.array_equal(before, after):
         return ()
     outer = with_border(bounding_box(before | after), 0, 0)
-    solid, void = changes_of(to_columns(before, outer), to_columns(after, outer))
-    return told(solid, void, (64 * outer[2], outer[0]), pixel_mm, origin_mm)
+    corner_px = 64 * outer[2], outer[0]
+    return changes_of(to_columns(before, outer), to_columns(after, outer), corner_px, pixel_mm, origin_mm, z_mm)

@@ -12,18 +12,33 @@ from numba import types
 from layerfix.bits import ALL, ROWS, U0, WORK, popcount
 from layerfix.kernels import njit
 from layerfix.layers.columns import Room, bounding_box, fill_columns, to_columns, with_border
-from layerfix.layers.components import has_bit, label_runs, root_of
+from layerfix.layers.components import (
+    AREA,
+    BOTTOM,
+    LEFT,
+    RIGHT,
+    RUNS,
+    TOP,
+    has_bit,
+    label_runs,
+    measured_parts,
+)
 from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, find_paths, open_columns
 from layerfix.layers.feature import Feature, feature_of_mm
 from layerfix.layers.skeleton import Spurs, check_spurs, scratch_images, skeleton_columns
 from layerfix.layers.thickness import narrowest
-from layerfix.layers.topology import AREA, BECOMES, BOTTOM, LEFT, PARTS, RIGHT, TOP, TopologyChange, changes_of, told
+from layerfix.layers.topology import TopologyChange, changes_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
     from layerfix.stack import Layer, LayerStack
+
+    Columns = NDArray[np.uint64]
+
+
+FLAGS = types.Array(types.boolean, 1, "C")
 
 
 @dataclass(frozen=True)
@@ -41,13 +56,14 @@ class LayerVerdict:
 
     z_mm            (bottom, top)
     parts           components (8-connected)
+    features_left   those that would be lost of the layer after correction
     features_lost   connected stretches of what is narrower than F: fins, pins, necks, thin walls
     lost            parts of which nothing would be printed
     lost_mm2        area of S that S ∘ F misses where something is too thin (not at corners, which the tool rounds)
     thinnest_mm     width at the narrowest of them, None if there is none
     topology        what would merge and close if it were corrected
     islands         parts with nothing below, not even beside a pixel; none in the first layer
-    alone           those with nothing above either: specks
+    alone           parts with nothing below and nothing above: specks; in a single layer none
     hairline_px     pixels that stand for what is thinner than one
     """
 
@@ -61,35 +77,24 @@ class LayerVerdict:
     islands: tuple[Place, ...] = ()
     alone: tuple[Place, ...] = ()
     hairline_px: int = 0
+    features_left: int = 0
 
 
-@njit(types.Tuple((PARTS, types.int64, types.int64))(WORK, WORK, WORK, WORK), cache=True, nogil=True)
+@njit(types.Tuple((RUNS, FLAGS, types.int64, types.int64))(WORK, WORK, WORK, WORK), cache=True, nogil=True)
 def _lost(solid, opened, paths, drawn):  # type: ignore[no-untyped-def]
-    """(parts of S: area, box, whether S ∘ F has a pixel of them; stretches of the paths; pixels of S that S ∘ F
-    misses and what is drawn holds)."""
-    runs, parent, count = label_runs(solid, False)
-    number = np.zeros(parent.shape[0], np.int64)
-    out = np.zeros((count, 6), np.int64)
-    n = 0
-    for k in range(parent.shape[0]):
-        if parent[k] == k:
-            number[k] = n
-            n += 1
-        i = number[root_of(parent, k)]
-        y, first, stop = runs[k]
-        fresh = out[i, AREA] == 0
-        out[i, LEFT] = first if fresh else min(out[i, LEFT], first)
-        out[i, TOP] = y if fresh else min(out[i, TOP], y)
-        out[i, RIGHT] = stop if fresh else max(out[i, RIGHT], stop)
-        out[i, BOTTOM] = y + 1
-        out[i, AREA] += stop - first
-        if not out[i, BECOMES]:
-            out[i, BECOMES] = np.int64(has_bit(opened, False, y, first, stop))
+    """(parts of S; which of them S ∘ F has a pixel of; stretches of the paths; pixels of S that S ∘ F misses and what
+    is drawn holds)."""
+    runs, parent, _ = label_runs(solid, False)
+    number, parts = measured_parts(runs, parent)
+    kept = np.zeros(parts.shape[0], np.bool_)
+    for k in range(runs.shape[0]):
+        if not kept[number[k]]:
+            kept[number[k]] = has_bit(opened, False, runs[k, 0], runs[k, 1], runs[k, 2])
     lost_px = 0
     for w in range(solid.shape[0]):
         for y in range(solid.shape[1]):
             lost_px += popcount(solid[w, y] & ~opened[w, y] & drawn[w, y])
-    return out, label_runs(paths, False)[2], lost_px
+    return parts, kept, label_runs(paths, False)[2], lost_px
 
 
 @njit
@@ -109,35 +114,22 @@ def _touches(rows, y, first, stop):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(PARTS(ROWS, ROWS), cache=True, nogil=True)
+@njit(RUNS(ROWS, ROWS), cache=True, nogil=True)
 def _without_contact(rows, other):  # type: ignore[no-untyped-def]
     """Parts of a layer that touch nothing of another: area and box, in the frame's pixels."""
     outer = with_border(bounding_box(rows), 0, 0)
-    runs, parent, count = label_runs(to_columns(rows, outer), False)
-    number = np.zeros(parent.shape[0], np.int64)
-    out = np.zeros((count, 6), np.int64)
-    n = 0
-    for k in range(parent.shape[0]):
-        if parent[k] == k:
-            number[k] = n
-            n += 1
-        i = number[root_of(parent, k)]
-        y, first, stop = runs[k, 0] + outer[0], runs[k, 1] + 64 * outer[2], runs[k, 2] + 64 * outer[2]
-        fresh = out[i, AREA] == 0
-        out[i, LEFT] = first if fresh else min(out[i, LEFT], first)
-        out[i, TOP] = y if fresh else min(out[i, TOP], y)
-        out[i, RIGHT] = stop if fresh else max(out[i, RIGHT], stop)
-        out[i, BOTTOM] = y + 1
-        out[i, AREA] += stop - first
-        if not out[i, BECOMES]:
-            out[i, BECOMES] = np.int64(_touches(other, y, first, stop))
-    kept = 0
-    for i in range(count):
-        if not out[i, BECOMES]:
-            for c in range(6):
-                out[kept, c] = out[i, c]
-            kept += 1
-    return out[:kept].copy()
+    runs, parent, _ = label_runs(to_columns(rows, outer), False)
+    number, parts = measured_parts(runs, parent)
+    y0, x0 = outer[0], 64 * outer[2]
+    touched = np.zeros(parts.shape[0], np.bool_)
+    for k in range(runs.shape[0]):
+        if not touched[number[k]]:
+            touched[number[k]] = _touches(other, runs[k, 0] + y0, runs[k, 1] + x0, runs[k, 2] + x0)
+    parts[:, LEFT] += x0
+    parts[:, RIGHT] += x0
+    parts[:, TOP] += y0
+    parts[:, BOTTOM] += y0
+    return parts[~touched]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,28 +145,20 @@ class _Judge:
 
     def __call__(self, layer: Layer) -> tuple[Rows, LayerVerdict]:
         feature, pixel_mm = self.feature, self.pixel_mm
-        half_widths, block = feature.half_widths, feature.block
         outer = box_with_reach(layer.rows, *feature.reach_px)
         if outer[1] == 0:
             return layer.rows, LayerVerdict(layer.z_mm, 0)
-        solid, anchor, skeleton, opened, drawn, paths, *scratch = self.room.columns(
-            outer, 6 + scratch_images(self.spurs)
-        )
+        images = self.room.columns(outer, 6 + scratch_images(self.spurs))
+        solid, opened, drawn, paths = images[:4]
         fill_columns(layer.rows, outer, solid)
-        anchor_columns(solid, half_widths, *block, anchor, scratch[0])
-        open_columns(anchor, half_widths, opened, scratch[0])
-        skeleton_columns(solid, anchor, feature, self.spurs, skeleton, scratch, self.room)
-        any_path = find_paths(solid, skeleton, anchor, opened, half_widths, *block, feature.by_size, paths)
-        drawn[:] = 0
-        if any_path:
-            draw_paths(paths, drawn, half_widths, *block, scratch[0])
-        parts, features, lost_px = _lost(solid, opened, paths, drawn)
+        any_path = self._find(images)
+        parts, kept, features, lost_px = _lost(solid, opened, paths, drawn)
         corner_px, area_mm2 = (64 * outer[2], outer[0]), pixel_mm[0] * pixel_mm[1]
         verdict = LayerVerdict(
             layer.z_mm,
             len(parts),
             features,
-            self.places(parts[parts[:, BECOMES] == 0], layer.z_mm, corner_px),
+            self.places(parts[~kept], layer.z_mm, corner_px),
             lost_px * area_mm2,
             hairline_px=layer.hairline_px,
         )
@@ -183,9 +167,24 @@ class _Judge:
         feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
         thinnest_mm = float(narrowest(solid, paths, feature_mm, *pixel_mm))
         np.bitwise_or(drawn, solid if self.add_only else opened, out=drawn)
-        found = told(*changes_of(solid, drawn), corner_px, pixel_mm, self.origin_mm)
-        topology = tuple(replace(one, z_mm=layer.z_mm) for one in found)
-        return layer.rows, replace(verdict, thinnest_mm=thinnest_mm, topology=topology)
+        topology = changes_of(solid, drawn, corner_px, pixel_mm, self.origin_mm, layer.z_mm)
+        solid[:] = drawn
+        left = label_runs(paths, False)[2] if self._find(images) else 0
+        return layer.rows, replace(verdict, thinnest_mm=thinnest_mm, topology=topology, features_left=left)
+
+    def _find(self, images: list[Columns]) -> bool:
+        """Of S, the first of some images: S ∘ F, what F draws along the paths, the paths; whether there are any."""
+        feature = self.feature
+        half_widths, block = feature.half_widths, feature.block
+        solid, opened, drawn, paths, anchor, skeleton, *scratch = images
+        anchor_columns(solid, half_widths, *block, anchor, scratch[0])
+        open_columns(anchor, half_widths, opened, scratch[0])
+        drawn[:] = 0
+        skeleton_columns(solid, anchor, feature, self.spurs, skeleton, scratch, self.room)
+        found = find_paths(solid, skeleton, anchor, opened, half_widths, *block, feature.by_size, paths)
+        if found:
+            draw_paths(paths, drawn, half_widths, *block, scratch[0])
+        return bool(found)
 
     def places(
         self, table: NDArray[np.int64], z_mm: tuple[float, float], corner_px: tuple[int, int] = (0, 0)
@@ -219,17 +218,20 @@ def judge(
     below: Rows | None = None
     held: tuple[Rows, LayerVerdict] | None = None
 
-    def alone(rows: Rows, verdict: LayerVerdict, above: Rows) -> LayerVerdict:
-        if not verdict.islands:
+    def alone(rows: Rows, verdict: LayerVerdict, above: Rows, first: bool) -> LayerVerdict:
+        if not verdict.parts or not (first or verdict.islands):
             return verdict
-        free = {place.box_mm: place for place in one.places(_without_contact(rows, above), verdict.z_mm)}
-        return replace(verdict, alone=tuple(place for place in verdict.islands if free.get(place.box_mm) == place))
+        free = one.places(_without_contact(rows, above), verdict.z_mm)
+        islands = {place.box_mm: place for place in verdict.islands}
+        return replace(verdict, alone=tuple(place for place in free if first or islands.get(place.box_mm) == place))
 
+    first = True
     for rows, verdict in stack.each(one):
         if below is not None and verdict.parts:
             verdict = replace(verdict, islands=one.places(_without_contact(rows, below), verdict.z_mm))
         if held is not None:
-            yield alone(*held, rows)
+            yield alone(*held, rows, first)
+            first = False
         held, below = (rows, verdict), rows
     if held is not None:
-        yield alone(*held, np.zeros_like(held[0]))
+        yield held[1] if first else alone(*held, np.zeros_like(held[0]), first)
