@@ -558,7 +558,7 @@ def _index() -> list[dict[str, str]]:
         return list(csv.DictReader(lines, delimiter="\t"))
 
 
-@pytest.mark.parametrize("row", _index(), ids=lambda row: row["file"])
+@pytest.mark.parametrize("row", _index(), ids=[row["file"] for row in _index()])
 def test_other_peoples_meshes_load_and_slice(row):
     """Real files with their defects: the size is the one the index states, and some layers can be cut."""
     scale = float(row["scale_to_mm (our suggestion; file itself unscaled)"])

@@ -84,6 +84,12 @@ JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary a
         type=cloup.Choice(["nonzero", "even_odd", "positive"]),
         help="Which parts of overlapping shells are solid. [default: nonzero]",
     ),
+    cloup.option(
+        "--z-sampling",
+        type=cloup.Choice(["rescue", "middle"]),
+        help="What is thinner than a layer and met by no mid-plane: drawn one layer thick, or left out."
+        " [default: rescue]",
+    ),
 )
 @cloup.option_group(
     "Images or a job as IN",

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 import numpy as np
 
@@ -59,6 +59,8 @@ class Layer:
     change  what `correct` did, if it was this layer's last step
     gaps    what `slice_mesh` closed, if anything
     hairline_px  pixels that stand for what is thinner than one
+    sheet_px  pixels of what is thinner than a layer and was met by no mid-plane
+    sheets_lost  parts of such, too thin to be kept
     source  what the layer was decoded from, for a writer that keeps what it can of it
     """
 
@@ -69,6 +71,8 @@ class Layer:
     gaps: Gaps | None = None
     source: Any = None
     hairline_px: int = 0
+    sheet_px: int = 0
+    sheets_lost: int = 0
 
     def __post_init__(self) -> None:
         """Raises InputError unless `rows` keeps the contract; marks it read-only."""
@@ -284,7 +288,7 @@ class LayerStack(Sequence[Layer]):
         At the ends there are fewer. Every layer is made once; threads, order and memory are as in `each`.
         """
         workers = min(self.workers or _cores(), len(self))
-        made = _Remembered(self.make, below + above + 3 * workers + 1)
+        made = Remembered(self.make, below + above + 3 * workers + 1)
 
         def work(i: int) -> Result:
             first, stop = max(i - below, 0), min(i + above + 1, len(self))
@@ -300,31 +304,31 @@ class LayerStack(Sequence[Layer]):
         return float(counts @ heights) * self.pixel_mm[0] * self.pixel_mm[1]
 
 
-class _Remembered:
-    """A `make` that keeps the latest layers; a thread that asks for one being made waits for it."""
+class Remembered(Generic[Result]):
+    """A `make` by index that keeps the latest it made; a thread that asks for one being made waits for it."""
 
-    def __init__(self, make: Callable[[int], Layer], keep: int) -> None:
+    def __init__(self, make: Callable[[int], Result], keep: int) -> None:
         self._make, self._keep = make, keep
         self._lock = Lock()
-        self._layers: dict[int, Layer] = {}
+        self._made: dict[int, Result] = {}
         self._making: dict[int, Lock] = {}
 
-    def __call__(self, index: int) -> Layer:
+    def __call__(self, index: int) -> Result:
         with self._lock:
-            if index in self._layers:
-                return self._layers[index]
+            if index in self._made:
+                return self._made[index]
             turn = self._making.setdefault(index, Lock())
         with turn:
             with self._lock:
-                if index in self._layers:
-                    return self._layers[index]
-            layer = self._make(index)
+                if index in self._made:
+                    return self._made[index]
+            result = self._make(index)
             with self._lock:
-                self._layers[index] = layer
+                self._made[index] = result
                 self._making.pop(index, None)
-                while len(self._layers) > self._keep:
-                    self._layers.pop(min(self._layers))
-            return layer
+                while len(self._made) > self._keep:
+                    self._made.pop(min(self._made))
+            return result
 
 
 def _in_threads(work: Callable[[int], Result], order: list[int], workers: int) -> Generator[Result]:

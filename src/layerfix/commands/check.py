@@ -45,6 +45,8 @@ class Verdict:
     lost: tuple[Place, ...]
     topology: tuple[TopologyChange, ...]
     hairline_layers: int
+    sheet_layers: int
+    sheets_lost: int
     notes: tuple[str, ...]
     by_layer: tuple[LayerVerdict, ...]
 
@@ -71,7 +73,7 @@ def check(
     return Verdict(
         schema_version=SCHEMA_VERSION,
         source=str(source),
-        ok=not any(one.features_lost or one.lost for one in layers),
+        ok=not any(one.features_lost or one.lost or one.sheets_lost for one in layers),
         layers=len(layers),
         size_px=(stack.width, stack.height),
         pixel_mm=stack.pixel_mm,
@@ -90,6 +92,8 @@ def check(
         lost=tuple(lost),
         topology=tuple(topology),
         hairline_layers=sum(one.hairline_px > 0 for one in layers),
+        sheet_layers=sum(one.sheet_px > 0 for one in layers),
+        sheets_lost=sum(one.sheets_lost for one in layers),
         notes=tuple(stack.notes),
         by_layer=tuple(layers),
     )
@@ -118,6 +122,8 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
     rows += [("", _where(place)) for place in v.lost[:3]]
     if v.hairline_layers:
         rows.append(("hairlines", f"thinner than a pixel in {counted(v.hairline_layers, 'layer')}"))
+    if v.sheets_lost:
+        rows.append(("sheets", f"{counted(v.sheets_lost, 'part')} thinner than a quarter of a layer, in no layer"))
     if v.merged or v.closed:
         rows.append(
             ("corrected", f"{counted(v.merged, 'part')} would grow together, {counted(v.closed, 'hole')} close")

@@ -157,7 +157,8 @@ def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
     _check_size(mesh, printer, min_feature_mm)
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
     stack = slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
-                       margin_mm=min_feature_mm, fill=slicing.fill or "nonzero", frame_px=panel)  # fmt: skip
+                       margin_mm=min_feature_mm, fill=slicing.fill or "nonzero",
+                       z_sampling=slicing.z_sampling or "rescue", frame_px=panel)  # fmt: skip
     return mesh, told_of_ends(stack, mesh)
 
 
@@ -283,6 +284,7 @@ def _add_up(
             *stack.notes,
             *_empty_layers(done),
             *_hairlines(done, stack.pixel_mm),
+            *_sheets(done),
             *_told_of(topology),
             *_specks(done),
             *told,
@@ -315,6 +317,28 @@ def _hairlines(done: list[Layer], pixel_mm: tuple[float, float]) -> list[str]:
         f"thinner than a pixel of {format_mm(min(pixel_mm))} in {counted(len(at), 'layer')}, the first at"
         f" z = {at[0]:.3f} mm: drawn one pixel wide, then as wide as the feature"
     ]
+
+
+def _sheets(done: list[Layer]) -> list[str]:
+    """A word about what is thinner than a layer."""
+    words = []
+    thin = [layer for layer in done if layer.sheet_px]
+    # Feather edges of slopes reach a quarter of a layer here and there; a sheet is more than a pixel in a thousand.
+    thin = [layer for layer in thin if layer.change is None or layer.sheet_px * 1000 > layer.change.solid_px]
+    if thin:
+        bottom, top = thin[0].z_mm
+        words.append(
+            f"thinner than a layer of {format_mm(top - bottom)} in {counted(len(thin), 'layer')}, the first at"
+            f" z = {bottom:.3f} mm: drawn one layer thick"
+        )
+    lost = [layer for layer in done if layer.sheets_lost]
+    if lost:
+        number = sum(layer.sheets_lost for layer in lost)
+        words.append(
+            f"{counted(number, 'part')} thinner than a quarter of a layer left out, in {counted(len(lost), 'layer')},"
+            f" the first at z = {lost[0].z_mm[0]:.3f} mm"
+        )
+    return words
 
 
 def _specks(done: list[Layer]) -> list[str]:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from layerfix.fdm import PathSettings
     from layerfix.layers.correction import Mode
     from layerfix.layers.skeleton import Spurs
-    from layerfix.mesh.slicing import Fill
+    from layerfix.mesh.slicing import Fill, ZSampling
     from layerfix.printers import Printer
 
 
@@ -32,6 +32,7 @@ class Slicing:
     """What only a mesh takes."""
 
     fill: Fill | None = None
+    z_sampling: ZSampling | None = None
     unit: str | None = None
     scale: float | None = None
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import types
 
-from layerfix.bits import ROWS, U0, U1, U63, WORK, lowest_bit, popcount
+from layerfix.bits import ALL, ROWS, U0, U1, U63, WORK, lowest_bit, popcount
 from layerfix.kernels import njit
 from layerfix.layers.columns import bounding_box, to_columns, with_border
 
@@ -187,6 +187,47 @@ def smaller_than(rows: Rows, area_px: float) -> Rows:
         return np.zeros_like(rows)
     small: Rows = _smaller_than(rows, int(np.ceil(area_px)))
     return small
+
+
+@njit
+def _touches(rows, y, first, stop):  # type: ignore[no-untyped-def]
+    """Whether packed rows have a bit in columns first - 1 … stop of rows y - 1 … y + 1."""
+    width = 64 * rows.shape[1]
+    a, b = max(first - 1, 0), min(stop, width - 1)
+    for v in range(max(y - 1, 0), min(y + 2, rows.shape[0])):
+        for w in range(a >> 6, (b >> 6) + 1):
+            word = rows[v, w]
+            if w == a >> 6:
+                word &= ALL << np.uint64(a & 63)
+            if w == b >> 6:
+                word &= ALL >> np.uint64(63 - (b & 63))
+            if word != U0:
+                return True
+    return False
+
+
+@njit(RUNS(ROWS, ROWS), cache=True, nogil=True)
+def _parts_apart(rows, other):  # type: ignore[no-untyped-def]
+    """Parts of a layer that touch nothing of another: area and box, in the frame's pixels."""
+    outer = with_border(bounding_box(rows), 0, 0)
+    runs, parent, _ = label_runs(to_columns(rows, outer), False)
+    number, parts = measured_parts(runs, parent)
+    y0, x0 = outer[0], 64 * outer[2]
+    touched = np.zeros(parts.shape[0], np.bool_)
+    for k in range(runs.shape[0]):
+        if not touched[number[k]]:
+            touched[number[k]] = _touches(other, runs[k, 0] + y0, runs[k, 1] + x0, runs[k, 2] + x0)
+    parts[:, LEFT] += x0
+    parts[:, RIGHT] += x0
+    parts[:, TOP] += y0
+    parts[:, BOTTOM] += y0
+    return parts[~touched]
+
+
+def parts_apart(rows: Rows, other: Rows) -> NDArray[np.int64]:
+    """(n, 5): area and box of the components (8-connected) of a packed layer that touch nothing of another."""
+    found: NDArray[np.int64] = _parts_apart(rows, other)
+    return found
 
 
 @njit(types.UniTuple(NUMBERS, 2)(ROWS, NUMBERS, NUMBERS), cache=True, nogil=True)

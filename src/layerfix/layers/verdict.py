@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import types
 
-from layerfix.bits import ALL, ROWS, U0, WORK, popcount
+from layerfix.bits import WORK, popcount
 from layerfix.kernels import njit
-from layerfix.layers.columns import Room, bounding_box, fill_columns, to_columns, with_border
+from layerfix.layers.columns import Room, fill_columns
 from layerfix.layers.components import (
     AREA,
     BOTTOM,
@@ -22,6 +22,7 @@ from layerfix.layers.components import (
     has_bit,
     label_runs,
     measured_parts,
+    parts_apart,
 )
 from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, find_paths, open_columns
 from layerfix.layers.feature import Feature, feature_of_mm
@@ -65,6 +66,8 @@ class LayerVerdict:
     islands         parts with nothing below, not even beside a pixel; none in the first layer
     alone           parts with nothing below and nothing above: specks; in a single layer none
     hairline_px     pixels that stand for what is thinner than one
+    sheet_px        pixels of what is thinner than a layer and was met by no mid-plane
+    sheets_lost     parts of such, too thin to be kept
     """
 
     z_mm: tuple[float, float]
@@ -77,6 +80,8 @@ class LayerVerdict:
     islands: tuple[Place, ...] = ()
     alone: tuple[Place, ...] = ()
     hairline_px: int = 0
+    sheet_px: int = 0
+    sheets_lost: int = 0
     features_left: int = 0
 
 
@@ -95,41 +100,6 @@ def _lost(solid, opened, paths, drawn):  # type: ignore[no-untyped-def]
         for y in range(solid.shape[1]):
             lost_px += popcount(solid[w, y] & ~opened[w, y] & drawn[w, y])
     return parts, kept, label_runs(paths, False)[2], lost_px
-
-
-@njit
-def _touches(rows, y, first, stop):  # type: ignore[no-untyped-def]
-    """Whether packed rows have a bit in columns first - 1 … stop of rows y - 1 … y + 1."""
-    width = 64 * rows.shape[1]
-    a, b = max(first - 1, 0), min(stop, width - 1)
-    for v in range(max(y - 1, 0), min(y + 2, rows.shape[0])):
-        for w in range(a >> 6, (b >> 6) + 1):
-            word = rows[v, w]
-            if w == a >> 6:
-                word &= ALL << np.uint64(a & 63)
-            if w == b >> 6:
-                word &= ALL >> np.uint64(63 - (b & 63))
-            if word != U0:
-                return True
-    return False
-
-
-@njit(RUNS(ROWS, ROWS), cache=True, nogil=True)
-def _without_contact(rows, other):  # type: ignore[no-untyped-def]
-    """Parts of a layer that touch nothing of another: area and box, in the frame's pixels."""
-    outer = with_border(bounding_box(rows), 0, 0)
-    runs, parent, _ = label_runs(to_columns(rows, outer), False)
-    number, parts = measured_parts(runs, parent)
-    y0, x0 = outer[0], 64 * outer[2]
-    touched = np.zeros(parts.shape[0], np.bool_)
-    for k in range(runs.shape[0]):
-        if not touched[number[k]]:
-            touched[number[k]] = _touches(other, runs[k, 0] + y0, runs[k, 1] + x0, runs[k, 2] + x0)
-    parts[:, LEFT] += x0
-    parts[:, RIGHT] += x0
-    parts[:, TOP] += y0
-    parts[:, BOTTOM] += y0
-    return parts[~touched]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +131,8 @@ class _Judge:
             self.places(parts[~kept], layer.z_mm, corner_px),
             lost_px * area_mm2,
             hairline_px=layer.hairline_px,
+            sheet_px=layer.sheet_px,
+            sheets_lost=layer.sheets_lost,
         )
         if not any_path:
             return layer.rows, verdict
@@ -221,14 +193,14 @@ def judge(
     def alone(rows: Rows, verdict: LayerVerdict, above: Rows, first: bool) -> LayerVerdict:
         if not verdict.parts or not (first or verdict.islands):
             return verdict
-        free = one.places(_without_contact(rows, above), verdict.z_mm)
+        free = one.places(parts_apart(rows, above), verdict.z_mm)
         islands = {place.box_mm: place for place in verdict.islands}
         return replace(verdict, alone=tuple(place for place in free if first or islands.get(place.box_mm) == place))
 
     first = True
     for rows, verdict in stack.each(one):
         if below is not None and verdict.parts:
-            verdict = replace(verdict, islands=one.places(_without_contact(rows, below), verdict.z_mm))
+            verdict = replace(verdict, islands=one.places(parts_apart(rows, below), verdict.z_mm))
         if held is not None:
             yield alone(*held, rows, first)
             first = False

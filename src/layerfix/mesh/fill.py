@@ -107,7 +107,8 @@ def _row_crossings(segments, width, height):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _inside(winding, crossed, rule):  # type: ignore[no-untyped-def]
+def winding_is_inside(winding, crossed, rule):  # type: ignore[no-untyped-def]
+    """Whether it is solid where the winding number is that, after so many crossings."""
     if rule == NONZERO:
         return winding != 0
     return winding > 0 if rule == POSITIVE else crossed & 1 == 1
@@ -135,7 +136,7 @@ def _fill_rows(starts, crossings, rule, rows):  # type: ignore[no-untyped-def]
         winding, was_inside, start, of_row = 0, False, np.int64(0), n
         for i in range(row.shape[0]):
             winding += 1 if row[i] & 1 else -1
-            inside = _inside(winding, i + 1, rule)
+            inside = winding_is_inside(winding, i + 1, rule)
             here = row[i] >> 1
             if inside == was_inside:
                 continue
@@ -237,7 +238,7 @@ def _mark_columns(keys, stride, height, rule, marks, m):  # type: ignore[no-unty
             count += 1
             i += 1
             if i < keys.shape[0] and keys[i] // (2 * ONE) == edge and (keys[i] >> 1) % ONE > part:
-                thick |= _inside(winding, count, rule)
+                thick |= winding_is_inside(winding, count, rule)
         if thick and count & 1 == 0 and not (rule == NONZERO and winding != 0):
             up = 1 if 2 * total < count * ONE else 0
             marks[m, 0], marks[m, 1] = min(max(edge // stride - up, 0), height - 1), edge % stride

@@ -13,8 +13,8 @@ closed rows.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numba import types
@@ -26,6 +26,7 @@ from layerfix.mesh.closing import close_gaps, edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
 from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE, SEGMENTS, below
 from layerfix.mesh.fill import fill as fill_pixels
+from layerfix.mesh.sheets import Sheets
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import Gaps, Layer, LayerStack, layer_bounds_mm, pitch_mm
 from layerfix.units import format_mm
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Fill = Literal["even_odd", "nonzero", "positive"]
+ZSampling = Literal["rescue", "middle"]
+Z_SAMPLINGS: tuple[ZSampling, ...] = get_args(ZSampling)
 FILLS: dict[Fill, int] = {"even_odd": EVEN_ODD, "nonzero": NONZERO, "positive": POSITIVE}
 SNAP_PER_PX = 1024
 SLAB_LAYERS = 16  # layers that share one list of triangles: 4 % of the memory of a list per layer
@@ -66,6 +69,7 @@ class _Cutter:
     points: NDArray[np.float64]  # (n, 3) column, row, z quanta
     faces: NDArray[np.int32]
     planes: NDArray[np.float64]  # (layers,) z quanta of the mid-planes
+    bounds: NDArray[np.float64]  # (layers, 2) of bottoms and tops
     slab_starts: NDArray[np.int64]
     slab_faces: NDArray[np.int32]
     closed: bool
@@ -84,6 +88,7 @@ class _Piece:
     cutter: _Cutter
     rule: int
     hairlines: bool
+    sheets: Sheets | None
     clips: tuple[tuple[_Cutter, bool], ...]
 
 
@@ -160,9 +165,12 @@ def slice_mesh(
     margin_mm: float = 1.0,
     fill: Fill = "nonzero",
     hairlines: bool = True,
+    z_sampling: ZSampling = "rescue",
     frame_px: tuple[int, int] | None = None,
 ) -> LayerStack:
     """Cut a mesh into binary layers at their mid-planes. The part's lowest point becomes z = 0.
+
+    What is thinner than a pixel or a layer, and would be missed, is drawn one pixel and one layer thick.
 
     pixel_mm        pixel pitch, one number or (x, y)
     layer_mm        layer height; `first_layer_mm` if the first differs
@@ -171,6 +179,9 @@ def slice_mesh(
                     "positive" (only shells that face outwards are solid)
     hairlines       what is thinner than a pixel becomes a line of pixels (`layerfix.mesh.fill`); False: only pixels
                     whose centre is inside
+    z_sampling      "rescue": what lies between two mid-planes and is met by none goes into the layer that holds most
+                    of it, if it is a quarter of that layer high (`layerfix.mesh.sheets`; not in open meshes);
+                    "middle": only what a mid-plane meets
     frame_px        (width, height) of a printer's panel, the part in its middle, instead of part + margin
     returns         a stack that cuts each layer when asked for it. Gaps of an open mesh are closed nearest
                     ends first; each layer says how many and how far (`Layer.gaps`). Its notes are the mesh's. Layers
@@ -179,6 +190,8 @@ def slice_mesh(
     """
     if fill not in FILLS:
         raise InputError(f"fill='{fill}' is not known; choose from {', '.join(FILLS)}")
+    if z_sampling not in Z_SAMPLINGS:
+        raise InputError(f"z_sampling='{z_sampling}' is not known; choose from {', '.join(Z_SAMPLINGS)}")
     if not 0 <= margin_mm < math.inf:
         raise InputError(f"margin {margin_mm} mm: it must be 0 or more")
     if not isinstance(mesh, Mesh):
@@ -187,10 +200,10 @@ def slice_mesh(
     width, height, origin = _frame(mesh, pitch, margin_mm, frame_px)
     z_mm = _layers(mesh, layer_mm, first_layer_mm)
     grid = _Grid(pitch, origin, (height, words_for(width)), width, float(mesh.bounds_mm[0, 2]), z_mm)
-    pieces = _pieces(mesh, grid, FILLS[fill], hairlines)
+    pieces = _pieces(mesh, grid, FILLS[fill], hairlines, z_sampling)
 
     how = {"pixel_mm": pitch, "layer_mm": layer_mm, "first_layer_mm": first_layer_mm, "margin_mm": margin_mm,
-           "fill": fill, "hairlines": hairlines, "frame_px": frame_px}  # fmt: skip
+           "fill": fill, "hairlines": hairlines, "z_sampling": z_sampling, "frame_px": frame_px}  # fmt: skip
     make = _Sliced(mesh, how, pieces, grid)
     return LayerStack(width, height, pitch, z_mm, make, origin, notes=mesh.notes)
 
@@ -205,9 +218,13 @@ class _Sliced:
     grid: _Grid
 
     def __call__(self, index: int) -> Layer:
-        rows, gaps, hairline_px = _united(self.pieces, self.grid, index)
+        found = _united(self.pieces, self.grid, index)
         bottom, top = self.grid.z_mm[index].tolist()
-        return Layer(rows, self.grid.width, (bottom, top), gaps=gaps, hairline_px=hairline_px)
+        rows = np.zeros(self.grid.shape, np.uint64) if found.rows is None else found.rows
+        gaps = found.gaps
+        whole = Gaps(sum(gap.count for gap in gaps), max(gap.longest_mm for gap in gaps)) if gaps else None
+        return Layer(rows, self.grid.width, (bottom, top), None, whole, None, found.hairline_px, found.sheet_px,
+                     found.sheets_lost)  # fmt: skip
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _sliced, (self.mesh, self.how)
@@ -219,10 +236,19 @@ def _sliced(mesh: Mesh, how: dict[str, Any]) -> _Sliced:
     return make
 
 
-def _pieces(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool) -> list[_Piece]:
+def _pieces(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool, z_sampling: ZSampling) -> list[_Piece]:
     """What is sliced on its own. A clip that bounds several parts is cut once a layer."""
+
+    def piece(surface: Mesh, rule: int, clips: tuple[tuple[_Cutter, bool], ...]) -> _Piece:
+        cutter = _cutter(surface, grid)
+        size_px = grid.width, grid.shape[0]
+        sheets = None
+        if z_sampling == "rescue" and cutter.closed:
+            sheets = Sheets(cutter.points, cutter.faces, cutter.planes, cutter.bounds, size_px, rule)
+        return _Piece(cutter, rule, hairlines, sheets, clips)
+
     if not mesh.parts:
-        return [_Piece(_cutter(mesh, grid), rule, hairlines, ())]
+        return [piece(mesh, rule, ())]
     cutters: dict[int, _Cutter] = {}
     pieces = []
     for faces, part in mesh.pieces():
@@ -232,50 +258,71 @@ def _pieces(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool) -> list[_Piece]
                 cutters[id(clip.mesh)] = _cutter(clip.mesh, grid)
         bounds = tuple((cutters[id(clip.mesh)], clip.inside) for clip in clips)
         own = NONZERO if part and part.united else rule
-        pieces.append(_Piece(_cutter(Mesh(mesh.vertices, faces, mesh.name), grid), own, hairlines, bounds))
+        pieces.append(piece(Mesh(mesh.vertices, faces, mesh.name), own, bounds))
     return pieces
 
 
-def _united(pieces: list[_Piece], grid: _Grid, index: int) -> tuple[NDArray[np.uint64], Gaps | None, int]:
-    """(rows, gaps, pixels for what is thinner than one) of one layer of all pieces together."""
-    hairline_px = 0
+@dataclass(eq=False)
+class _Found:
+    """What a layer of some surfaces came to."""
+
     rows: NDArray[np.uint64] | None = None
-    gaps: list[Gaps] = []
+    gaps: list[Gaps] = field(default_factory=list)
+    hairline_px: int = 0
+    sheet_px: int = 0
+    sheets_lost: int = 0
+
+
+def _united(pieces: list[_Piece], grid: _Grid, index: int) -> _Found:
+    """One layer of all pieces together."""
+    found = _Found()
     clips: dict[int, NDArray[np.uint64] | None] = {}
     for piece in pieces:
-        solid, added = _filled(piece.cutter, grid, index, piece.rule, piece.hairlines, gaps)
-        hairline_px += added
+        solid = _filled(piece.cutter, grid, index, piece.rule, piece.hairlines, found)
+        if piece.sheets is not None:
+            solid = _rescued(piece.sheets, grid, index, solid, found)
         for cutter, inside in piece.clips if solid is not None else ():
             if id(cutter) not in clips:
-                clips[id(cutter)], _ = _filled(cutter, grid, index, NONZERO, False, gaps)
+                clips[id(cutter)] = _filled(cutter, grid, index, NONZERO, False, found)
             clip = clips[id(cutter)]
             if clip is not None and solid is not None:
                 solid &= clip if inside else ~clip
             elif inside:
                 solid = None
-        if rows is None:
-            rows = solid
+        if found.rows is None:
+            found.rows = solid
         elif solid is not None:
-            rows |= solid
-    whole = Gaps(sum(gap.count for gap in gaps), max(gap.longest_mm for gap in gaps)) if gaps else None
-    return np.zeros(grid.shape, np.uint64) if rows is None else rows, whole, hairline_px
+            found.rows |= solid
+    return found
 
 
 def _filled(
-    cutter: _Cutter, grid: _Grid, index: int, rule: int, hairlines: bool, gaps: list[Gaps]
-) -> tuple[NDArray[np.uint64] | None, int]:
-    """(rows of one layer of one surface, None if the layer does not cut it; pixels for what is thinner than one).
-
-    Closed gaps are added to `gaps`."""
+    cutter: _Cutter, grid: _Grid, index: int, rule: int, hairlines: bool, found: _Found
+) -> NDArray[np.uint64] | None:
+    """Rows of one layer of one surface, None if the layer does not cut it. `found` gets its gaps and hairlines."""
     segments = cutter.segments(index)
     if not len(segments):
-        return None, 0
+        return None
     if not cutter.closed:
         segments, lengths_mm = close_gaps(segments, grid.pitch)
         if len(lengths_mm):
-            gaps.append(Gaps(len(lengths_mm), float(lengths_mm.max())))
+            found.gaps.append(Gaps(len(lengths_mm), float(lengths_mm.max())))
     rows = np.zeros(grid.shape, np.uint64)
-    return rows, fill_pixels(segments, grid.width, rule, hairlines, rows)
+    found.hairline_px += fill_pixels(segments, grid.width, rule, hairlines, rows)
+    return rows
+
+
+def _rescued(
+    sheets: Sheets, grid: _Grid, index: int, rows: NDArray[np.uint64] | None, found: _Found
+) -> NDArray[np.uint64] | None:
+    """The same rows with what the mid-plane misses."""
+    if not sheets.near(index):
+        return rows
+    rows = np.zeros(grid.shape, np.uint64) if rows is None else rows
+    added, lost = sheets.rescue(index, rows)
+    found.sheet_px += added
+    found.sheets_lost += lost
+    return rows
 
 
 def _frame(
@@ -346,4 +393,4 @@ def _cutter(mesh: Mesh, grid: _Grid) -> _Cutter:
         faces = orient(points, faces)
         closed = edges_balance(points, faces)
     starts, chosen = bucket(points, faces, planes, SLAB_LAYERS)
-    return _Cutter(points, faces, planes, starts, chosen, closed)
+    return _Cutter(points, faces, planes, z_mm / quantum, starts, chosen, closed)
