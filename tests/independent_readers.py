@@ -266,9 +266,11 @@ def write_chitu(
     shared: bool = False,
     pitch_mm: float = 0.05,
     first_z_mm: float = 0.0,
+    exposures: int = 1,
 ) -> Path:
     """A Photon (1 plane), CBDDLP (version 2, planes) or CTB (version 2 to 4) file; returns its path.
 
+    exposures  so many layers, one after the other, are at one height
     shared  equal data are stored once and pointed to by several entries
     Versions 3 and 4 have 84 bytes before each layer's data: its table entry once more, and motion settings.
     """
@@ -287,7 +289,7 @@ def write_chitu(
     table, body, at, places = b"", b"", table_at + TABLE_ENTRY.size * len(coded), dict[bytes, int]()
     extended = magic != PHOTON and version >= 3
     for i, data in enumerate(coded):
-        z = first_z_mm + 0.05 * (i % count)
+        z = first_z_mm + 0.05 * (i % count // exposures)
         if shared and data in places:
             table += TABLE_ENTRY.pack(z, 8, 1, places[data], len(data), 0, 36, 0, 0)
             continue

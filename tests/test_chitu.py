@@ -17,6 +17,7 @@ from layerfix.errors import InputError, OutputError
 from layerfix.formats.jobs import chitu
 from tests import independent_readers as plain
 from tests.making import SHARED, contents, corrected_on_panel
+from tests.slow_greys import solid_in
 
 SAMPLES = SHARED / "samples"
 SIZE = 40, 90
@@ -54,15 +55,15 @@ def corrected_copy(source: Path, mode: str = "add_only", feature_mm: float = FEA
 
 
 def near(mask: np.ndarray) -> np.ndarray:
-    """A mask and its neighbours in all eight directions."""
-    return ndimage.binary_dilation(mask, np.ones((3, 3)))
+    """What F may reach that reaches a mask."""
+    return ndimage.binary_dilation(mask, np.ones((17, 17)))
 
 
 def check_layers(before: plain.ChituJob, after: plain.ChituJob, radius_px: tuple[float, float]) -> int:
     """Assert what a correction may do to every layer; the number of layers it changed."""
     count, changed = len(before.layers), 0
     for i, (old, new) in enumerate(zip(before.layers, after.layers, strict=True)):
-        expected = corrected_on_panel(old >= 128, radius_px, "add_only")
+        expected = corrected_on_panel(solid_in(old), radius_px, "add_only")
         assert np.array_equal(new >= 128, expected), f"layer {i}"
         added = expected & (old < 128)
         assert (new >= old).all(), f"layer {i} got darker"
@@ -77,14 +78,14 @@ def check_layers(before: plain.ChituJob, after: plain.ChituJob, radius_px: tuple
 @every_kind
 @pytest.mark.parametrize("level", [255, 255 * 3 // 4, 255 // 4])
 def test_made_up_files_are_read_exactly(tmp_path, kind, level):
-    """Size, pitch, heights and every pixel from 128 on, with and without greys."""
+    """Size, pitch, heights and every solid pixel, with and without greys."""
     path = made(tmp_path, kind, drawn(level))
     stack = read(path)
     assert (stack.width, stack.height) == (SIZE[1], SIZE[0])
     assert stack.pixel_mm == (0.05, 0.05)
     assert np.allclose(stack.z_mm[:, 1], 0.05 * np.arange(1, 6))
     for layer, image in zip(stack, plain.read_chitu(path).layers, strict=True):
-        assert np.array_equal(layer.image(), image[:, ::-1] >= 128)
+        assert np.array_equal(layer.image(), solid_in(image)[:, ::-1])
 
 
 @every_kind
@@ -354,3 +355,16 @@ def test_shared_data_by_brute_force(places):
     taken = [set(range(at, at + size)) for at, size in places]
     expected = {i for i, a in enumerate(taken) for k, b in enumerate(taken) if i != k and a & b}
     assert chitu._shared(places) == expected
+
+
+@every_kind
+def test_several_exposures_of_one_height(tmp_path, kind):
+    """They share their bounds; each is corrected; the volume is counted once."""
+    layers = [image for image in drawn() for _ in range(2)]
+    source = made(tmp_path, kind, layers, exposures=2)
+    stack = read(source)
+    assert stack.z_mm[::2].tolist() == stack.z_mm[1::2].tolist() == read(made(tmp_path, kind, drawn())).z_mm.tolist()
+    source = made(tmp_path, kind, layers, exposures=2)
+    fixed = read(corrected_copy(source))
+    assert [layer.count_px() for layer in fixed][::2] == [layer.count_px() for layer in fixed][1::2]
+    assert stack.volume_mm3() == pytest.approx(sum(layer.count_px() for layer in stack) / 2 * 0.05**3)

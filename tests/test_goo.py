@@ -13,6 +13,7 @@ from layerfix import correct, read, write
 from layerfix.errors import InputError
 from tests import independent_readers as plain
 from tests.making import contents, corrected_on_panel
+from tests.slow_greys import solid_in
 
 SIZE = 40, 90
 FEATURE_MM = 0.3  # six pixels
@@ -80,14 +81,14 @@ def test_a_corrected_file(tmp_path, level):
     assert after.definitions == before.definitions
     added_px = 0
     for i, (old, new) in enumerate(zip(before.layers, after.layers, strict=True)):
-        solid = old >= 128
+        solid = solid_in(old)
         expected = corrected_on_panel(solid, (3, 3), "add_only")
         added = expected & ~solid
         added_px += int(added.sum())
         assert np.array_equal(new >= 128, expected), f"layer {i}"
         assert (new >= old).all(), f"layer {i} got darker"
-        rim = ndimage.binary_dilation(added, np.ones((3, 3)))
-        assert np.array_equal(new[~rim], old[~rim])
+        near = ndimage.binary_dilation(added, np.ones((17, 17)))  # F, wherever it may have been drawn
+        assert np.array_equal(new[~near], old[~near])
         if i in (0, 3):
             assert after.data[i] == before.data[i]
     volume = 120 + added_px * 0.05**3

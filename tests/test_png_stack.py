@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image, PngImagePlugin
 
-from layerfix import load_printer, read, write
+from layerfix import correct, load_printer, read, write
 from layerfix.errors import InputError, OutputError
 from layerfix.formats.png.images import numeric_order
 from layerfix.mesh.slicing import slice_mesh
@@ -364,3 +364,49 @@ def test_an_error_in_a_layer_leaves_no_output(tmp_path, pictures):
         with pytest.raises(InputError, match=r"2\.png"):
             write(tmp_path / target, read(place, **GIVEN))
     assert contents(tmp_path) == before
+
+
+@either_container
+def test_greys_are_kept(tmp_path, name):
+    """A soft block stays as it is, a thin grey stroke is drawn with greys; with 1 bit they are gone."""
+    grey = np.zeros((60, 90), np.uint8)
+    grey[10:40, 10:40] = 255
+    grey[9, 10:40] = grey[10:40, 9] = 90
+    grey[45, 60:80] = 160
+    buffer = io.BytesIO()
+    Image.fromarray(grey).save(buffer, "PNG")
+    source = made(tmp_path / name, {f"{k}.png": buffer.getvalue() for k in range(3)})
+    target = tmp_path / f"fixed-{name}"
+    write(target, correct(read(source, **GIVEN), min_feature_mm=0.25, mode="add_only"))
+    pictures = [np.asarray(Image.open(io.BytesIO(data))) for file, data in contents_of(target).items()]
+    assert len(pictures) == 3
+    for found in pictures:
+        assert (found >= grey).all()
+        assert np.array_equal(found[:42], grey[:42])
+        assert (found[45, 62:78] == 255).all()
+        assert len(set(np.unique(found)) - {0, 90, 255}) > 2
+    again = read(target)
+    assert again.pixel_mm == (0.05, 0.05)
+    write(tmp_path / f"bits-{name}", again, bits=1)
+    for data in contents_of(tmp_path / f"bits-{name}").values():
+        assert Image.open(io.BytesIO(data)).mode == "1"
+
+
+def test_the_threshold_is_that_of_images_too(tmp_path):
+    """A value that is solid from 64 on, and not from 128 on."""
+    grey = np.zeros((20, 30), np.uint8)
+    grey[5:15, 5:25] = 255
+    grey[5:15, 5:15] = 100
+    buffer = io.BytesIO()
+    Image.fromarray(grey).save(buffer, "PNG")
+    source = made(tmp_path / "layers", {"0.png": buffer.getvalue()})
+    counts = [read(source, **GIVEN, threshold=t, grey_floor=0)[0].count_px() for t in (64, 128)]
+    assert counts == [200, 100]
+
+
+def contents_of(place: Path) -> dict[str, bytes]:
+    """The files of a folder or a zip."""
+    if place.suffix == ".zip":
+        with zipfile.ZipFile(place) as archive:
+            return {name: archive.read(name) for name in archive.namelist()}
+    return {file.name: file.read_bytes() for file in sorted(place.iterdir())}

@@ -11,19 +11,19 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from PIL import Image
-from scipy import ndimage
 
 from layerfix import correct, load_printer, read, write
-from layerfix.bits import pack
+from layerfix.bits import pack, unpack
 from layerfix.errors import InputError
+from layerfix.layers.morphology import dilate
 from layerfix.stack import Layer, LayerStack
 from tests import independent_readers as plain
 from tests.making import SHARED, contents, corrected_on_panel
+from tests.slow_greys import solid_in
 
 SAMPLES = SHARED / "samples"
 FEATURE_MM = 0.3
 SIZE = 40, 90
-ALL_AROUND = np.ones((3, 3))
 # Layers, image size and pitch by name.
 JOBS = {
     "UVtools_demo_file.sl1s": (10, (1620, 2560), 0.05),
@@ -44,14 +44,6 @@ class Corrected(NamedTuple):
     target: Path
     before: list[np.ndarray]
     stack: LayerStack
-
-
-def solid_in(grey: np.ndarray, threshold: int = 128, floor: int = 32) -> np.ndarray:
-    """Pixels from the threshold on, and strokes from the floor on that nowhere touch those."""
-    labels, count = ndimage.label(grey >= floor, ALL_AROUND)
-    bright = np.zeros(count + 1, bool)
-    bright[labels[grey >= threshold]] = True
-    return (grey >= threshold) | ((labels > 0) & ~bright[labels])
 
 
 def check(job: Corrected) -> int:
@@ -78,7 +70,8 @@ def check(job: Corrected) -> int:
             continue
         changed += 1
         raised = expected & (old < 128)
-        rim = ndimage.binary_dilation(raised, ALL_AROUND)
+        drawn = dilate(pack(raised), raised.shape[1], tuple(2 * r + 2 for r in radius_px))  # F around what it reaches
+        rim = unpack(drawn, raised.shape[1])
         assert np.array_equal(new >= 128, expected), f"layer {i}"
         assert (new >= old).all(), f"layer {i} got darker"
         assert np.array_equal(new[~rim], old[~rim]), f"layer {i} changed elsewhere"

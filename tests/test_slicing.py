@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from layerfix.errors import InputError
-from layerfix.mesh.load import load_mesh
 from layerfix.mesh import slicing
+from layerfix.mesh.load import load_mesh
 from layerfix.mesh.triangles import Mesh
 from tests.making import (
     box,

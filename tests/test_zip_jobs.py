@@ -127,6 +127,25 @@ def test_cws_layers_of_either_packing(tmp_path, rgb):
     assert target.read("slice.conf") == zipfile.ZipFile(source).read("slice.conf")
 
 
+@pytest.mark.parametrize(("x", "y"), [("20.000", "20.000"), ("0.050", "0.050")])
+def test_cws_whose_values_are_in_its_gcode(tmp_path, x, y):
+    """No slice.conf: pixels per mm, or the pitch by that name, and the layer height from the comments."""
+    pitch = f";(Pix per mm X            = {x} )\n;(Pix per mm Y            = {y} )\n"
+    gcode = f";(****Build****)\n{pitch};(Layer Thickness         = 0.050 mm )\n"
+    entries = {"part.gcode": gcode.encode(), **{f"part{i:04}.png": png_bytes(drawing()) for i in range(3)}}
+    source = write_zip(tmp_path / "job.cws", entries)
+    stack = lf.read(source)
+    assert (len(stack), stack.pixel_mm, stack.z_mm[-1].tolist()) == (3, (0.05, 0.05), [0.1, 0.15])
+    target = zipfile.ZipFile(corrected(source, "fixed.cws"))
+    assert np.array_equal(png_pixels(target.read("part0001.png")), expected())
+    assert target.read("part.gcode") == gcode.encode()
+    bare = write_zip(tmp_path / "bare.cws", {**entries, "part.gcode": b"G28"})
+    with pytest.raises(
+        InputError, match=r"neither slice\.conf nor the G-code says pixels per mm"
+    ):
+        lf.read(bare)
+
+
 @pytest.mark.parametrize("make", [chitubox, lambda f: nanodlp(f, rgb=True), lambda f: cws(f, rgb=True)],
                          ids=["chitubox", "nanodlp", "cws"])  # fmt: skip
 def test_a_job_that_needs_nothing_comes_out_identical(tmp_path, make):

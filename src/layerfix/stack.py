@@ -36,6 +36,7 @@ class Change:
     removed_px: int
     thinnest_mm: float | None
     radius_px: tuple[float, float] = (0.0, 0.0)  # (rx, ry) of F
+    offset_px: tuple[float, float] = (0.0, 0.0)  # of F's middle from the centre of its pixel, east and down
     topology: tuple[Any, ...] = ()  # what merged and closed: `layerfix.layers.topology.TopologyChange`
     ignored_px: int = 0  # of parts too small to be corrected
     paths: Rows | None = field(default=None, repr=False, compare=False)  # packed: where F was drawn, if from a file
@@ -61,6 +62,7 @@ class Layer:
     hairline_px  pixels that stand for what is thinner than one
     sheet_px  pixels of what is thinner than a layer and was met by no mid-plane
     sheets_lost  parts of such, too thin to be kept
+    dimmed_px  pixels of dimmed interiors, which count as solid and are left as they are
     source  what the layer was decoded from, for a writer that keeps what it can of it
     """
 
@@ -73,6 +75,7 @@ class Layer:
     hairline_px: int = 0
     sheet_px: int = 0
     sheets_lost: int = 0
+    dimmed_px: int = 0
 
     def __post_init__(self) -> None:
         """Raises InputError unless `rows` keeps the contract; marks it read-only."""
@@ -136,7 +139,8 @@ class LayerStack(Sequence[Layer]):
     pixel_mm       (x, y) pixel pitch
     origin_mm      (x, y) of the outer corner of pixel (row 0, column 0); x grows with the column, y falls
                    with the row, so that a layer seen as an image is the part seen from above
-    z_mm           (layers, 2) float64: bottom and top of each layer, rising
+    z_mm           (layers, 2) float64: bottom and top of each layer, rising; exposures of one layer, one after the
+                   other, share them
     make           layer index → Layer; pure, called from several threads at once
     workers        threads that make layers; the bits do not depend on it
     repeats        (layers,) bool, True where a layer is the same as the one below, pixel by pixel (common in
@@ -164,7 +168,7 @@ class LayerStack(Sequence[Layer]):
         if z.ndim != 2 or z.shape[1] != 2:
             raise InputError(f"z_mm has shape {z.shape}; it is (layers, 2): bottom and top")
         wrong = ~np.isfinite(z).all(axis=1) | ~(z[:, 1] > z[:, 0])
-        wrong[1:] |= ~(z[1:, 0] >= z[:-1, 1] - 1e-6)
+        wrong[1:] |= ~(z[1:, 0] >= z[:-1, 1] - 1e-6) & (z[1:] != z[:-1]).any(axis=1)
         if wrong.any():
             k = int(np.flatnonzero(wrong)[0])
             below = f" on one that ends at {z[k - 1, 1]:g}" if k else ""
@@ -298,10 +302,15 @@ class LayerStack(Sequence[Layer]):
         yield from _in_threads(work, list(range(len(self))), workers)
 
     def volume_mm3(self) -> float:
-        """Volume of all layers, each as high as it is."""
-        heights = self.z_mm[:, 1] - self.z_mm[:, 0]
+        """Volume of all layers, each as high as it is; of several exposures at one height the first counts."""
         counts = np.fromiter(self.each(Layer.count_px), np.float64, len(self))
-        return float(counts @ heights) * self.pixel_mm[0] * self.pixel_mm[1]
+        return float(counts @ self.heights_mm()) * self.pixel_mm[0] * self.pixel_mm[1]
+
+    def heights_mm(self) -> NDArray[np.float64]:
+        """(layers,) height of each layer, 0 of what is exposed once more at the same height."""
+        heights = self.z_mm[:, 1] - self.z_mm[:, 0]
+        heights[1:][(self.z_mm[1:] == self.z_mm[:-1]).all(axis=1)] = 0.0
+        return heights
 
 
 class Remembered(Generic[Result]):

@@ -244,9 +244,10 @@ def _add_up(
 ) -> Summary:
     changes = [(layer, layer.change) for layer in done if layer.change is not None]
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
+    heights_mm = stack.heights_mm().tolist()
 
     def volume(pick: Callable[[int], int]) -> float:
-        return sum(pick(i) * (layer.z_mm[1] - layer.z_mm[0]) for i, (layer, _) in enumerate(changes)) * pixel_mm2
+        return float(sum(pick(i) * heights_mm[i] for i in range(len(changes))) * pixel_mm2)
 
     solid = volume(lambda i: changes[i][1].solid_px)
     added = volume(lambda i: changes[i][1].added_px)
@@ -285,6 +286,7 @@ def _add_up(
             *_empty_layers(done),
             *_hairlines(done, stack.pixel_mm),
             *_sheets(done),
+            *_dimmed(done),
             *_told_of(topology),
             *_specks(done),
             *told,
@@ -339,6 +341,16 @@ def _sheets(done: list[Layer]) -> list[str]:
             f" the first at z = {lost[0].z_mm[0]:.3f} mm"
         )
     return words
+
+
+def _dimmed(done: list[Layer]) -> list[str]:
+    """A word about dimmed interiors."""
+    at = [layer.z_mm[0] for layer in done if layer.dimmed_px]
+    if not at:
+        return []
+    return [
+        f"dimmed inside in {counted(len(at), 'layer')}, the first at z = {at[0]:.3f} mm: a pattern, left as it is"
+    ]
 
 
 def _specks(done: list[Layer]) -> list[str]:

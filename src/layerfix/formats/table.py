@@ -111,6 +111,12 @@ def _is_nanodlp(probe: Probe) -> bool:
     return "plate.json" in probe.entries and is_zip_with("profile.json", "slicer.json")(probe)
 
 
+def _is_cws(probe: Probe) -> bool:
+    """A slice.conf, or the name .cws and a G-code."""
+    named = probe.suffix == ".cws" and any(name.lower().endswith(".gcode") for name in probe.entries)
+    return named or is_zip_with("slice.conf")(probe)
+
+
 def _is_3mf(probe: Probe) -> bool:
     """A zip with a model, which may be called as its author likes."""
     return any(name.lower().endswith(".model") for name in probe.entries)
@@ -162,7 +168,7 @@ FORMATS = (
            by_name=True),
     Format("Chitubox zips (run.gcode)", (".zip",), is_zip_with("run.gcode"), f"{_JOBS}.chitubox_zip:read",
            rewritten=True),
-    Format("CWS jobs", (".cws",), is_zip_with("slice.conf"), f"{_JOBS}.cws:read", rewritten=True, by_name=True),
+    Format("CWS jobs", (".cws",), _is_cws, f"{_JOBS}.cws:read", rewritten=True, by_name=True),
     Format("3MF", (".3mf",), _is_3mf, mesh=_MESH,
            writers={"layers": Writer(f"{_MODEL}:write_model_3mf", OutlineOptions, _CONTOURS),
                     "mesh": Writer(f"{_MODEL}:write_mesh_3mf"),

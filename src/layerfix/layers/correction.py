@@ -156,7 +156,10 @@ class _Correction:
         wanted = layer.rows & ~specks if specks is not None and ignored_px else layer.rows
         layer_found = _corrected(wanted, layer.width, feature, self.spurs, self.add_only, self.room)
         if layer_found is None:
-            return replace(layer, change=Change(ignored_px, 0, 0, None, feature.radius_px, ignored_px=ignored_px))
+            return replace(
+                layer,
+                change=Change(ignored_px, 0, 0, None, feature.radius_px, feature.offset_px, ignored_px=ignored_px),
+            )
         rows, outer, solid_columns, path_columns, printed_columns = layer_found
         feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
         thinnest_mm: float = narrowest(solid_columns, path_columns, feature_mm, *pixel_mm)
@@ -172,7 +175,9 @@ class _Correction:
             corner_px = 64 * outer[2], outer[0]
             topology = changes_of(solid_columns, printed_columns, corner_px, pixel_mm, self.origin_mm, layer.z_mm)
         thinnest = thinnest_mm if thinnest_mm < np.inf else None
-        change = Change(solid, added, removed, thinnest, feature.radius_px, topology, ignored_px, paths)
+        change = Change(
+            solid, added, removed, thinnest, feature.radius_px, feature.offset_px, topology, ignored_px, paths
+        )
         return replace(layer, rows=rows, change=change)
 
     def _feature(self, layer: Layer) -> Feature:

@@ -50,6 +50,11 @@ class Feature:
         return 2 * int(self.half_widths[0]) + 1 + self.block[0], 2 * len(self.half_widths) - 1 + self.block[1]
 
     @property
+    def offset_px(self) -> tuple[float, float]:
+        """(x, y) of F's middle from its pixel's centre, east and down: half a pixel where F is even."""
+        return self.block[0] / 2, self.block[1] / 2
+
+    @property
     def reach_px(self) -> tuple[int, int]:
         """How far F reaches from its pixel at most, along x and y."""
         return int(self.half_widths[0]) + self.block[0], len(self.half_widths) - 1 + self.block[1]

@@ -1,21 +1,22 @@
 """Layers with greys (anti-aliased): what of them is solid, and how a correction is drawn into them.
 
-A pixel is solid from `threshold` on. A stroke so thin that it never gets there is a feature all the same, if it
-stands alone and reaches `grey_floor`. What is added is drawn with the coverage of F's disc at its rim; every
-other pixel keeps its value, and in mode "add_only" none gets darker.
+A pixel is solid from `threshold` on. A stroke so thin that it gets there only in places, or never, is a feature all
+the same, by its coverage. What is drawn has at least the coverage of F's disc; every other pixel keeps its value, and
+in mode "add_only" none gets darker.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import types
 
-from layerfix.bits import ROWS, U0, U1, WORK, words_for
+from layerfix.bits import ROWS, U0, U1, WORK, lowest_bit, words_for
 from layerfix.kernels import njit
 from layerfix.layers.flood import flood
-from layerfix.layers.morphology import dilate
+from layerfix.layers.morphology import dilate, opened
+from layerfix.layers.neighbours import around, is_simple
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 IMAGE = types.Array(types.uint8, 2, "C", readonly=True)
 TARGET = types.Array(types.uint8, 2, "C")
 U8 = np.uint8(1)
+PATTERN_PX = 16  # dim pixels: fewer are no pattern
 SUBSTEPS = 64  # columns a pixel is cut into for its coverage; each is exact in y
 
 
@@ -49,35 +51,108 @@ def pack_from(image: Greys, threshold: int) -> Rows:
     return rows
 
 
-def solid_rows(image: Greys, threshold: int, grey_floor: int) -> Rows:
+@njit(WORK(IMAGE, ROWS), cache=True, nogil=True)
+def _ridges(image, dim):  # type: ignore[no-untyped-def]
+    """Of the pixels in `dim`, those brighter than both neighbours above and below, or to both sides: the crest of a
+    stroke. Of two equal ones side by side it is the lower (right) one."""
+    height, width = image.shape
+    out = np.zeros(dim.shape, np.uint64)
+    for y in range(height):
+        for w in range(dim.shape[1]):
+            word = dim[y, w]
+            while word != U0:
+                x = w * 64 + lowest_bit(word)
+                word &= word - U1
+                g = image[y, x]
+                for dy, dx in ((1, 0), (0, 1)):
+                    after = image[y + dy, x + dx] if y + dy < height and x + dx < width else np.uint8(0)
+                    before = image[y - dy, x - dx] if y >= dy and x >= dx else np.uint8(0)
+                    farther = image[y - 2 * dy, x - 2 * dx] if y >= 2 * dy and x >= 2 * dx else np.uint8(0)
+                    if g > after and (g > before or (g == before and g > farther)):
+                        out[y, w] |= U1 << np.uint64(x & 63)
+    return out
+
+
+@njit(types.void(WORK, ROWS), cache=True, nogil=True)
+def _prune(solid, doubtful):  # type: ignore[no-untyped-def]
+    """Take doubtful pixels away as long as that parts nothing."""
+    again = True
+    while again:
+        again = False
+        for y in range(doubtful.shape[0]):
+            for w in range(doubtful.shape[1]):
+                word = doubtful[y, w] & solid[y, w]
+                while word != U0:
+                    x = w * 64 + lowest_bit(word)
+                    word &= word - U1
+                    near = around(solid, y, x)
+                    if near == 0 or is_simple(near):
+                        solid[y, w] &= ~(U1 << np.uint64(x & 63))
+                        again = True
+
+
+class Seen(NamedTuple):
+    """What of a grey layer is solid, and which of it is a dimmed interior, to be left as it is; packed."""
+
+    rows: Rows
+    dimmed: Rows | None
+
+
+def solid_rows(image: Greys, threshold: int, grey_floor: int) -> Seen:
     """What of a grey layer is solid: (H, W) uint8 → (H, words).
 
-    Pixels from `threshold` on, and strokes from `grey_floor` on that nowhere touch those (0: none).
+    Pixels from `threshold` on. From `grey_floor` on (0: none), also
+    - strokes that nowhere touch those;
+    - the crest of strokes so thin that they reach the threshold only here and there. Near what is wider than three
+      pixels, where a crest may be the tip of a corner, only what holds parts together;
+    - what is dim inside of what is bright: a pattern that dims the exposure, not walls and gaps.
     """
     solid = pack_from(image, threshold)
     if not 0 < grey_floor < threshold:
-        return solid
+        return Seen(solid, None)
     faint = pack_from(image, grey_floor)
-    return solid | (faint & ~flood(solid, faint))
+    dim = faint & ~solid
+    if not dim.any():
+        return Seen(solid, None)
+    width = image.shape[1]
+    dimmed = _dimmed(dim, faint, width)
+    crest = _ridges(np.ascontiguousarray(image), dim)
+    wide = dilate(opened(solid, width, (1.0, 1.0)), width, (4.0, 4.0))
+    lone = faint & ~flood(solid, faint)
+    found = solid | crest
+    _prune(found, crest & wide)
+    found |= lone
+    return Seen(found if dimmed is None else found | dimmed, dimmed)
 
 
-def disc_coverage(rx_px: float, ry_px: float) -> NDArray[np.float64]:
-    """How much of each pixel the disc around a pixel's centre covers, 0 … 1: (2·Ry + 1, 2·Rx + 1).
+def _dimmed(dim: Rows, faint: Rows, width: int) -> Rows | None:
+    """Dim pixels that bright ones shut off from the void, and the bright ones between, where they fill an area."""
+    void = ~faint
+    inside = dim & ~flood(dim & dilate(void, width, (1.5, 1.5)), dim)
+    if int(np.bitwise_count(inside).sum()) < PATTERN_PX:
+        return None
+    found = opened(dilate(inside, width, (1.5, 1.5)), width, (2.5, 2.5)) & faint
+    return found if found.any() else None
 
+
+def disc_coverage(rx_px: float, ry_px: float, offset_px: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.float64]:
+    """How much of each pixel a disc covers, 0 … 1: (2·Ry + 1, 2·Rx + 1), the disc's own pixel in the middle.
+
+    offset_px  (x, y) of the disc's middle, from the centre of its pixel
     Integrated over SUBSTEPS columns a pixel, exactly in y, so that the rim has no steps of its own.
     """
-    reach_x, reach_y = int(np.ceil(rx_px + 0.5)), int(np.ceil(ry_px + 0.5))
-    x = np.arange(-reach_x, reach_x + 1)[:, None] + (np.arange(SUBSTEPS) + 0.5) / SUBSTEPS - 0.5
+    reach_x, reach_y = (int(np.ceil(r + abs(o) + 0.5)) for r, o in zip((rx_px, ry_px), offset_px, strict=True))
+    x = np.arange(-reach_x, reach_x + 1)[:, None] + (np.arange(SUBSTEPS) + 0.5) / SUBSTEPS - 0.5 - offset_px[0]
     half = ry_px * np.sqrt(np.maximum(1 - (x / rx_px) ** 2, 0))  # (columns, substeps)
-    y = np.arange(-reach_y, reach_y + 1)[:, None, None]
+    y = np.arange(-reach_y, reach_y + 1)[:, None, None] - offset_px[1]
     covered = np.minimum(y + 0.5, half) - np.maximum(y - 0.5, -half)
     share: NDArray[np.float64] = np.clip(covered, 0, 1).mean(axis=2)
     return share
 
 
 @njit(types.void(TARGET, ROWS, ROWS, ROWS, IMAGE, types.uint8), cache=True, nogil=True)
-def _draw(image, paths, added, rim, stencil, threshold):  # type: ignore[no-untyped-def]
-    """image = max(image, stencil) around every path pixel, where `added` or (below threshold) `rim` is set."""
+def _draw(image, paths, drawn, rim, stencil, threshold):  # type: ignore[no-untyped-def]
+    """image = max(image, stencil) around every path pixel, where `drawn` or (below threshold) `rim` is set."""
     height, width = image.shape
     reach_y, reach_x = stencil.shape[0] // 2, stencil.shape[1] // 2
     for y in range(height):
@@ -93,7 +168,7 @@ def _draw(image, paths, added, rim, stencil, threshold):  # type: ignore[no-unty
                             if value <= image[v, u]:
                                 continue
                             shift = np.uint64(u & 63)
-                            if (added[v, u >> 6] >> shift) & U1:
+                            if (drawn[v, u >> 6] >> shift) & U1:
                                 image[v, u] = value
                             elif (rim[v, u >> 6] >> shift) & U1:
                                 image[v, u] = max(image[v, u], min(value, threshold - U8))  # not solid itself
@@ -116,23 +191,33 @@ def _set_where(image, rows, value, raise_only):  # type: ignore[no-untyped-def]
 
 
 def corrected_greys(
-    image: Greys, before: Rows, after: Rows, paths: Rows, radius_px: tuple[float, float], threshold: int
+    image: Greys,
+    before: Rows,
+    after: Rows,
+    paths: Rows,
+    radius_px: tuple[float, float],
+    threshold: int,
+    *,
+    offset_px: tuple[float, float] = (0.0, 0.0),
+    dimmed: Rows | None = None,
 ) -> Greys:
     """A grey layer with its correction drawn in: (H, W) uint8 → (H, W) uint8.
 
     before, after  what was solid (`solid_rows`) and what is, packed
     paths          where F was drawn, packed
-    radius_px      (rx, ry) of F
+    radius_px      (rx, ry) of F; offset_px: of its middle from a path pixel's centre, half a pixel where F is even
+    dimmed         what is left as it is, packed
     """
     out = image.copy()
     bright = pack_from(image, threshold)
+    kept = bright if dimmed is None else bright | dimmed
     _set_where(out, before & ~after, 0, False)
-    added = after & ~bright
+    added = after & ~kept
     if not added.any():
         return out
     width = image.shape[1]
-    rim = dilate(added, width, (1.5, 1.5)) & ~after & ~bright
-    stencil = np.round(255 * disc_coverage(*radius_px)).astype(np.uint8)
-    _draw(out, paths, added, rim, stencil, threshold)
+    rim = dilate(added, width, (1.5, 1.5)) & ~after & ~kept
+    stencil = np.round(255 * disc_coverage(*radius_px, offset_px)).astype(np.uint8)
+    _draw(out, paths, after if dimmed is None else after & ~dimmed, rim, stencil, threshold)
     _set_where(out, added, threshold, True)  # pixels of F whose disc covers a little less than half of them
     return out

@@ -23,6 +23,7 @@ from numba import types
 
 from layerfix.bits import ALL, U1, WORK
 from layerfix.kernels import njit
+from layerfix.layers.neighbours import around, bit_at, is_simple
 
 SEGMENTS = types.Array(types.float64, 2, "C")
 EVEN_ODD, NONZERO, POSITIVE = 0, 1, 2
@@ -112,14 +113,6 @@ def winding_is_inside(winding, crossed, rule):  # type: ignore[no-untyped-def]
     if rule == NONZERO:
         return winding != 0
     return winding > 0 if rule == POSITIVE else crossed & 1 == 1
-
-
-@njit
-def bit_at(rows, y, x):  # type: ignore[no-untyped-def]
-    """Pixel (y, x) of packed rows, 0 outside them."""
-    if y < 0 or x < 0 or y >= rows.shape[0] or (x >> 6) >= rows.shape[1]:
-        return np.int64(0)
-    return np.int64((rows[y, x >> 6] >> np.uint64(x & 63)) & U1)
 
 
 @njit
@@ -269,32 +262,6 @@ def _mark_cells(segments, inner, keys, spans, stride, height, width, marks, m): 
     return m
 
 
-@njit
-def _around(rows, y, x):  # type: ignore[no-untyped-def]
-    """The eight neighbours, bit 0 east, then clockwise."""
-    return (
-        bit_at(rows, y, x + 1)
-        | bit_at(rows, y + 1, x + 1) << 1
-        | bit_at(rows, y + 1, x) << 2
-        | bit_at(rows, y + 1, x - 1) << 3
-        | bit_at(rows, y, x - 1) << 4
-        | bit_at(rows, y - 1, x - 1) << 5
-        | bit_at(rows, y - 1, x) << 6
-        | bit_at(rows, y - 1, x + 1) << 7
-    )
-
-
-@njit
-def _simple(around):  # type: ignore[no-untyped-def]
-    """Whether a pixel with these neighbours may come or go without joining or parting anything: exactly one of the
-    4-neighbours is void with a solid one after it, going round by way of the corners (the crossing number)."""
-    crossings = 0
-    for k in range(0, 8, 2):
-        void = (around >> k) & 1 == 0
-        crossings += void and ((around >> (k + 1)) & 1 != 0 or (around >> ((k + 2) & 7)) & 1 != 0)
-    return crossings == 1
-
-
 @njit(types.int64(SEGMENTS, types.int64, types.int64, types.boolean, WORK), cache=True, nogil=True)
 def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]
     """Set the pixels of `rows` (zeroed packed rows) whose centre is inside by the winding rule, and, if `thin`, the
@@ -316,7 +283,7 @@ def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]
     m = _mark_cells(segments, inner, keys, spans, stride, height, width, marks, m)
     near = np.empty(m, np.bool_)
     for k in range(m):
-        near[k] = _around(rows, marks[k, 0], marks[k, 1]) != 0
+        near[k] = around(rows, marks[k, 0], marks[k, 1]) != 0
     added = 0
     for k in range(m):
         y, x = marks[k]
@@ -330,7 +297,7 @@ def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]
         again = False
         for k in range(m):
             y, x = marks[k]
-            if near[k] and _simple(_around(rows, y, x)):
+            if near[k] and is_simple(around(rows, y, x)):
                 rows[y, x >> 6] &= ~(U1 << np.uint64(x & 63))
                 near[k] = False
                 added -= 1

@@ -26,7 +26,8 @@ from numba import types
 from layerfix.bits import U1, WORK
 from layerfix.kernels import njit
 from layerfix.layers.components import root_of
-from layerfix.mesh.fill import EVEN_ODD, NONZERO, below, bit_at, winding_is_inside
+from layerfix.layers.neighbours import bit_at
+from layerfix.mesh.fill import EVEN_ODD, NONZERO, below, winding_is_inside
 from layerfix.stack import Remembered
 
 if TYPE_CHECKING:

@@ -26,10 +26,18 @@ import numpy as np
 from layerfix.bits import unpack, words_for
 from layerfix.errors import InputError
 from layerfix.files import reading
-from layerfix.formats.jobs.container import Container, Frame, Spool, Totals, container_stack, hinted_pitch, repeats_of
+from layerfix.formats.jobs.container import (
+    Container,
+    Frame,
+    Spool,
+    Totals,
+    bounds_of_table,
+    container_stack,
+    hinted_pitch,
+    repeats_of,
+)
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
 from layerfix.formats.png.decode import Decoded
-from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -76,7 +84,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
         hints, (round(header.bed_mm[0] / header.width, 6), round(header.bed_mm[1] / header.height, 6))
     )
     assert pixel_mm is not None  # the file says it
-    frame = Frame(header.width, header.height, pixel_mm, _z_mm(path, tops, header.layer_mm, hints))
+    z_mm = bounds_of_table(path, tops, hints, lambda z: _bounds(z, header.layer_mm))
+    frame = Frame(header.width, header.height, pixel_mm, z_mm)
     codec = _Codec(path, header, hints.threshold)
 
     def payload(index: int) -> bytes:
@@ -161,16 +170,11 @@ def _table(path: Path, data: mmap.mmap, header: _Header) -> list[tuple[int, int]
     return places
 
 
-def _z_mm(path: Path, z_mm: list[float], layer_mm: float, hints: Hints) -> NDArray[np.float64]:
+def _bounds(z_mm: NDArray[np.float64], layer_mm: float) -> NDArray[np.float64]:
     """Bounds of the layers. The table holds where each begins (from 0) or where each ends, by program."""
-    z = np.round(np.array(z_mm, np.float64), 6)
-    if not np.isfinite(z).all() or (np.diff(z) <= 0).any():
-        raise InputError(f"{path}: the layers' heights do not rise")
-    if hints.layer_mm:
-        return layer_bounds_mm(len(z_mm), hints.layer_mm, hints.first_layer_mm)
-    if z[0] > layer_mm / 2:
-        return np.stack([np.concatenate([[0.0], z[:-1]]), z], axis=1)
-    return np.stack([z, np.append(z[1:], round(z[-1] + layer_mm, 6))], axis=1)
+    if z_mm[0] > layer_mm / 2:
+        return np.stack([np.concatenate([[0.0], z_mm[:-1]]), z_mm], axis=1)
+    return np.stack([z_mm, np.append(z_mm[1:], round(z_mm[-1] + layer_mm, 6))], axis=1)
 
 
 class _Codec:

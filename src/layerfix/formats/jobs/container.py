@@ -19,8 +19,9 @@ from layerfix.bits import mirrored
 from layerfix.errors import InputError
 from layerfix.files import whole_file
 from layerfix.formats.encoding import encoded
+from layerfix.formats.kept_greys import GreySource, seen_from_above
 from layerfix.formats.png.decode import Decoded
-from layerfix.stack import Layer, LayerStack
+from layerfix.stack import Layer, LayerStack, layer_bounds_mm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -77,13 +78,11 @@ class Container:
 
 
 @dataclass(frozen=True, eq=False)
-class _Source:
-    """What a layer was decoded from. `seen` is what was solid in it, from above; `grey` is as the panel shows it."""
+class _Source(GreySource):
+    """What a layer was decoded from."""
 
-    index: int
-    payload: bytes
-    seen: Rows
-    grey: NDArray[np.uint8] | None
+    index: int = 0
+    payload: bytes = b""
 
 
 def _container(source: Any) -> Container:
@@ -125,12 +124,8 @@ def _source(container: Container, index: int, width: int) -> _Source:
     """Read and decode one layer `width` pixels wide."""
     payload = container.payload(index)
     decoded = container.decode(index, payload)
-    rows = decoded.rows
-    if decoded.grey is not None:
-        from layerfix.layers.greys import solid_rows
-
-        rows = solid_rows(decoded.grey, container.threshold, container.grey_floor)
-    return _Source(index, payload, mirrored(rows, width, container.mirror, out=rows), decoded.grey)
+    how = width, container.threshold, container.grey_floor, container.mirror
+    return _Source(*seen_from_above(decoded, *how), container.threshold, container.mirror, index, payload)
 
 
 def container_stack(container: Container, frame: Frame, repeats: NDArray[np.bool_] | None = None) -> LayerStack:
@@ -139,7 +134,7 @@ def container_stack(container: Container, frame: Frame, repeats: NDArray[np.bool
     def make(index: int) -> Layer:
         source = _source(container, index, frame.width)
         bottom, top = frame.z_mm[index].tolist()
-        return Layer(source.seen, frame.width, (bottom, top), source=source)
+        return Layer(source.seen, frame.width, (bottom, top), source=source, dimmed_px=source.dimmed_px)
 
     origin = (0.0, frame.height * frame.pixel_mm[1])
     try:
@@ -161,15 +156,7 @@ def rewrite(path: Path, stack: LayerStack, options: WriteOptions) -> None:
         if np.array_equal(layer.rows, source.seen):
             return None
         rows = mirrored(layer.rows, layer.width, container.mirror)  # as the panel shows it
-        if source.grey is None:
-            return container.encode(source.index, source.payload, rows, None)
-        from layerfix.layers.greys import corrected_greys
-
-        change = layer.change
-        paths = np.zeros_like(rows) if change is None or change.paths is None else change.paths
-        before, paths = (mirrored(seen, layer.width, container.mirror) for seen in (source.seen, paths))
-        radius_px = change.radius_px if change else (0.5, 0.5)
-        grey = corrected_greys(source.grey, before, rows, paths, radius_px, container.threshold)
+        grey = source.corrected(layer)
         return container.encode(source.index, source.payload, rows, grey)
 
     with whole_file(path, force=options.force) as target:
@@ -177,7 +164,7 @@ def rewrite(path: Path, stack: LayerStack, options: WriteOptions) -> None:
         try:
             added = 0.0
             area_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
-            heights = stack.z_mm[:, 1] - stack.z_mm[:, 0]
+            heights = stack.heights_mm()
 
             def watch(index: int, layer: Layer) -> None:
                 nonlocal added
@@ -207,6 +194,22 @@ def _copy(source: Path, target: BinaryIO) -> None:
 def repeats_of(same: Iterator[bool]) -> NDArray[np.bool_]:
     """`LayerStack.repeats` from "this layer is the one below", asked of every layer but the first."""
     return np.array([False, *same], np.bool_)
+
+
+def bounds_of_table(
+    path: Path, z_mm: list[float], hints: Hints, bounds: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """(layers, 2): bounds of the layers of a job that says a height for each.
+
+    bounds  makes (n, 2) of (n,) rising heights
+    Layers of one height are exposures of the same layer. Raises InputError for heights that fall.
+    """
+    z = np.array(z_mm, np.float64).round(6)
+    if not np.isfinite(z).all() or (np.diff(z) < 0).any():
+        raise InputError(f"{path}: the layers' heights do not rise")
+    at, which = np.unique(z, return_inverse=True)
+    found = layer_bounds_mm(len(at), hints.layer_mm, hints.first_layer_mm) if hints.layer_mm else bounds(at)
+    return found[which]
 
 
 def hinted_pitch(hints: Hints, from_file: tuple[float, float] | None) -> tuple[float, float] | None:

@@ -20,11 +20,19 @@ from layerfix.bits import mirrored, words_for
 from layerfix.errors import InputError
 from layerfix.files import reading, whole_file
 from layerfix.formats.encoding import checked_printer, encoded
-from layerfix.formats.jobs.container import Container, Frame, Spool, Totals, container_stack, hinted_pitch, repeats_of
+from layerfix.formats.jobs.container import (
+    Container,
+    Frame,
+    Spool,
+    Totals,
+    bounds_of_table,
+    container_stack,
+    hinted_pitch,
+    repeats_of,
+)
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
 from layerfix.formats.png.decode import Decoded
-from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,7 +76,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     places, tops = _layers(path, data, offset, count)
     pixel_mm = hinted_pitch(hints, (round(bed_x / width, 6), round(bed_y / height, 6)))
     assert pixel_mm is not None  # the file says it
-    frame = Frame(width, height, pixel_mm, _z_mm(path, tops, round(layer_mm, 6), hints))
+    z_mm = bounds_of_table(path, tops, hints, lambda z: _bounds(z, round(layer_mm, 6)))
+    frame = Frame(width, height, pixel_mm, z_mm)
 
     def payload(index: int) -> bytes:
         at, size = places[index]
@@ -133,14 +142,10 @@ def _layers(path: Path, data: mmap.mmap, at: int, count: int) -> tuple[list[tupl
     return places, tops
 
 
-def _z_mm(path: Path, tops: list[float], layer_mm: float, hints: Hints) -> NDArray[np.float64]:
+def _bounds(tops_mm: NDArray[np.float64], layer_mm: float) -> NDArray[np.float64]:
     """Bounds of the layers; the file holds where each ends."""
-    z = np.round(np.array(tops, np.float64), 6)
-    if not np.isfinite(z).all() or (np.diff(z) <= 0).any():
-        raise InputError(f"{path}: the layers' heights do not rise")
-    if hints.layer_mm:
-        return layer_bounds_mm(len(tops), hints.layer_mm, hints.first_layer_mm)
-    return np.stack([np.append(max(z[0] - layer_mm, 0.0) if z[0] > 0 else z[0] - layer_mm, z[:-1]), z], axis=1)
+    first = tops_mm[0] - layer_mm
+    return np.stack([np.append(max(first, 0.0) if tops_mm[0] > 0 else first, tops_mm[:-1]), tops_mm], axis=1)
 
 
 def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:

@@ -270,16 +270,13 @@ def encode_png(
     if bits not in (1, 8):
         raise InputError(f"{bits}-bit PNG: layers are written with 1 or 8 bits")
     stream = _zlib_stream_8bit(rows, width) if bits == 8 else _zlib_stream_1bit(rows, width)
-    chunks = [_chunk(b"IHDR", struct.pack(">IIBBBBB", width, len(rows), bits, 0, 0, 0, 0))]
-    if pixel_mm:
-        chunks.append(_chunk(b"pHYs", struct.pack(">IIB", *(round(1000 / p) for p in pixel_mm), 1)))
-    chunks += [_chunk(b"tEXt", key.encode("latin-1") + b"\0" + value.encode("latin-1"))
-               for key, value in (text or {}).items()]  # fmt: skip
-    return b"".join([SIGNATURE, *chunks, _chunk(b"IDAT", stream), _chunk(b"IEND", b"")])
+    return _png((width, len(rows)), bits, stream, pixel_mm, text)
 
 
-def encode_grey_png(image: NDArray[np.uint8]) -> bytes:
-    """A PNG of an 8-bit grey image (H, W), Up filter."""
+def encode_grey_png(
+    image: NDArray[np.uint8], *, pixel_mm: tuple[float, float] | None = None, text: dict[str, str] | None = None
+) -> bytes:
+    """A PNG of an 8-bit grey image (H, W), Up filter; pixel_mm and text as in `encode_png`."""
     from isal import isal_zlib
 
     height, width = image.shape
@@ -287,6 +284,20 @@ def encode_grey_png(image: NDArray[np.uint8]) -> bytes:
     lines[:, 0] = UP
     lines[0, 1:] = image[0]
     np.subtract(image[1:], image[:-1], out=lines[1:, 1:])
-    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    stream = isal_zlib.compress(lines.data, 1)
-    return SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", stream) + _chunk(b"IEND", b"")
+    return _png((width, height), 8, isal_zlib.compress(lines.data, 1), pixel_mm, text)
+
+
+def _png(
+    size_px: tuple[int, int],
+    bits: int,
+    stream: bytes,
+    pixel_mm: tuple[float, float] | None,
+    text: dict[str, str] | None,
+) -> bytes:
+    """The file: its chunks around the zlib stream."""
+    chunks = [_chunk(b"IHDR", struct.pack(">IIBBBBB", *size_px, bits, 0, 0, 0, 0))]
+    if pixel_mm:
+        chunks.append(_chunk(b"pHYs", struct.pack(">IIB", *(round(1000 / p) for p in pixel_mm), 1)))
+    chunks += [_chunk(b"tEXt", key.encode("latin-1") + b"\0" + value.encode("latin-1"))
+               for key, value in (text or {}).items()]  # fmt: skip
+    return b"".join([SIGNATURE, *chunks, _chunk(b"IDAT", stream), _chunk(b"IEND", b"")])
