@@ -140,9 +140,7 @@ def test_cws_whose_values_are_in_its_gcode(tmp_path, x, y):
     assert np.array_equal(png_pixels(target.read("part0001.png")), expected())
     assert target.read("part.gcode") == gcode.encode()
     bare = write_zip(tmp_path / "bare.cws", {**entries, "part.gcode": b"G28"})
-    with pytest.raises(
-        InputError, match=r"neither slice\.conf nor the G-code says pixels per mm"
-    ):
+    with pytest.raises(InputError, match=r"neither slice\.conf nor the G-code says pixels per mm"):
         lf.read(bare)
 
 

@@ -18,11 +18,13 @@ _HOME = {
     "load_printer": "printers",
     "Mesh": "mesh.triangles",
     "load_mesh": "mesh.load",
+    "slice_like": "mesh.slicing",
     "slice_mesh": "mesh.slicing",
     "meso_skeleton": "layers.skeleton",
     "correct": "layers.correction",
     "correct_image": "layers.correction",
     "compare_topology": "layers.topology",
+    "Conflict": "layers.gaps",
     "TopologyChange": "layers.topology",
     "Contours": "outlines.contours",
     "trace_contours": "outlines.contours",
@@ -38,6 +40,7 @@ _HOME = {
     "write": "formats",
 }
 __all__ = [
+    "Conflict",
     "Contours",
     "Layer",
     "LayerStack",
@@ -60,6 +63,7 @@ __all__ = [
     "plan_toolpaths",
     "read",
     "settings_for",
+    "slice_like",
     "slice_mesh",
     "suggest_widths",
     "trace_contours",
@@ -76,11 +80,12 @@ if TYPE_CHECKING:
     from layerfix.fdm.width_plan import WidthPlan
     from layerfix.formats import read, write
     from layerfix.layers.correction import correct, correct_image
+    from layerfix.layers.gaps import Conflict
     from layerfix.layers.skeleton import meso_skeleton
     from layerfix.layers.topology import TopologyChange, compare_topology
     from layerfix.layers.widths import Widths, suggest_widths
     from layerfix.mesh.load import load_mesh
-    from layerfix.mesh.slicing import slice_mesh
+    from layerfix.mesh.slicing import slice_like, slice_mesh
     from layerfix.mesh.triangles import Mesh
     from layerfix.outlines.contours import Contours, trace_contours
     from layerfix.printers import Printer, load_printer

@@ -74,6 +74,19 @@ JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary a
     cloup.option(
         "--ignore-below", "ignore_below_mm2", type=Area(), help="Leave smaller specks as they are: 0.01mm2."
     ),
+    cloup.option(
+        "--keep-gaps", "keep_gaps_mm", type=Length(), help="Parts stay apart and holes open, by at least so much."
+    ),
+    cloup.option(
+        "--keep-out",
+        type=cloup.Path(path_type=Path),
+        help="A mesh (or layers) to add nothing in: bores, mating faces. Material goes to the other side.",
+    ),
+    cloup.option(
+        "--grow",
+        type=cloup.Choice(["both", "inward", "outward"]),
+        help="outward: holes stay; inward: the outside does.",
+    ),
 )
 @cloup.option_group("Pixels and layers (of a mesh, or of images that do not say)", *FRAME)
 @cloup.option_group(

@@ -38,6 +38,7 @@ class Change:
     radius_px: tuple[float, float] = (0.0, 0.0)  # (rx, ry) of F
     offset_px: tuple[float, float] = (0.0, 0.0)  # of F's middle from the centre of its pixel, east and down
     topology: tuple[Any, ...] = ()  # what merged and closed: `layerfix.layers.topology.TopologyChange`
+    conflicts: tuple[Any, ...] = ()  # what stays under F: `layerfix.layers.gaps.Conflict`
     ignored_px: int = 0  # of parts too small to be corrected
     paths: Rows | None = field(default=None, repr=False, compare=False)  # packed: where F was drawn, if from a file
 
@@ -118,8 +119,11 @@ class Layer:
     def at(self, z_mm: tuple[float, float]) -> Layer:
         """The same layer at another height."""
         change = self.change
-        if change is not None and change.topology:
-            change = replace(change, topology=tuple(replace(one, z_mm=z_mm) for one in change.topology))
+        if change is not None and (change.topology or change.conflicts):
+            topology, conflicts = (
+                tuple(replace(one, z_mm=z_mm) for one in found) for found in (change.topology, change.conflicts)
+            )
+            change = replace(change, topology=topology, conflicts=conflicts)
         return replace(self, z_mm=z_mm, change=change)
 
     def image(self) -> Image:

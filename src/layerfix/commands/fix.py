@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from layerfix.commands.options import Options, flag, refuse_given
 from layerfix.draw.before_after import before_after
@@ -25,16 +25,20 @@ from layerfix.formats import (
 from layerfix.layers.correction import correct
 from layerfix.layers.feature import check_feature_mm
 from layerfix.mesh.empty import empty_between, empty_ends, told_of_ends
-from layerfix.mesh.slicing import slice_mesh
+from layerfix.mesh.slicing import slice_like, slice_mesh
 from layerfix.units import counted, format_mm
 
 if TYPE_CHECKING:
     from layerfix.fdm import PathSettings
     from layerfix.layers.correction import Mode
+    from layerfix.layers.gaps import Conflict
     from layerfix.layers.topology import TopologyChange
     from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
+
+
+QUARTER_TURN = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,7 @@ class Summary:
     most_changed_layer: int = 0
     hairline_layers: int = 0
     topology: tuple[TopologyChange, ...] = ()
+    conflicts: tuple[Conflict, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -81,7 +86,7 @@ def fix(
     check_before(target, options.printer)
     check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
-    stack = open_stack(source, options)
+    stack, turned = _opened(source, options)
     check_options(target, options.output, find_writer(target, stack).takes, flag)
     min_feature_mm = min_feature_of(options)
     mode = options.correction.mode or usual_mode(options.printer, stack)
@@ -93,6 +98,7 @@ def fix(
             f"tolerance {format_mm(tolerance_mm)} is larger than the minimum feature of"
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
+    keep_out = _keep_out(stack, turned, options)
     told = _doubts(tolerance_mm, paths, min_feature_mm)
     spurs = options.correction.spurs or "metric"
     first_mm = options.correction.first_layer_min_feature_mm if not (options.run.layers or (0,))[0] else None
@@ -102,6 +108,9 @@ def fix(
         mode=mode,
         spurs=spurs,
         ignore_below_mm2=options.correction.ignore_below_mm2 or 0.0,
+        keep_gaps_mm=options.correction.keep_gaps_mm,
+        keep_out=keep_out,
+        grow=options.correction.grow or "both",
     ).with_workers(options.run.workers)
     done: list[Layer] = []
 
@@ -123,20 +132,34 @@ def open_stack(source: Path, options: Options) -> LayerStack:
 
     Raises InputError for options that go with the other.
     """
+    return _opened(source, options)[0]
+
+
+def _opened(source: Path, options: Options) -> tuple[LayerStack, bool]:
+    """(layers; whether they are of a mesh that was turned)."""
     found, _ = find_format(source)
     if found.mesh is not None:
-        return open_part(source, options)[1]
+        part = open_part(source, options)
+        return part.stack, part.turned
     refuse_given(options.slicing, f"goes with meshes; {source} holds layers already")
     frame, greys = options.frame, {f: v for f, v in asdict(options.greys).items() if v is not None}
     stack = read(source, printer=options.printer, pixel_mm=frame.pixel_mm, layer_mm=frame.layer_mm,
                  first_layer_mm=frame.first_layer_mm, **greys)  # fmt: skip
     if empty_ends(stack) is None:
         raise InputError(f"{source}: nothing is solid in any of its {len(stack)} layers")
-    return stack
+    return stack, False
 
 
-def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
-    """A mesh, turned to fit the printer, and its layers."""
+class Part(NamedTuple):
+    """A mesh, turned to fit the printer, its layers, and whether it was turned."""
+
+    mesh: Mesh
+    stack: LayerStack
+    turned: bool
+
+
+def open_part(source: Path, options: Options) -> Part:
+    """A mesh and its layers."""
     refuse_given(options.greys, f"goes with images and jobs; {source} is a mesh")
     printer, frame = options.printer, options.frame
     pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
@@ -153,13 +176,28 @@ def open_part(source: Path, options: Options) -> tuple[Mesh, LayerStack]:
         for height in (layer_mm, first_mm or layer_mm):
             paths.check_layer(height)
     slicing = options.slicing
-    mesh = _turned_to_fit(read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0), printer)
+    mesh = read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0)
+    turned = _fits_only_turned(mesh, printer)
+    mesh = mesh.transformed(QUARTER_TURN) if turned else mesh
     _check_size(mesh, printer, min_feature_mm)
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
     stack = slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
                        margin_mm=min_feature_mm, fill=slicing.fill or "nonzero",
                        z_sampling=slicing.z_sampling or "rescue", frame_px=panel)  # fmt: skip
-    return mesh, told_of_ends(stack, mesh)
+    return Part(mesh, told_of_ends(stack, mesh), turned)
+
+
+def _keep_out(stack: LayerStack, turned: bool, options: Options) -> LayerStack | None:
+    """What is to be kept free: a mesh in the part's coordinates, or layers of the same frame."""
+    path = options.correction.keep_out
+    if path is None:
+        return None
+    found, _ = find_format(path)
+    if found.mesh is None:
+        return read(path, printer=options.printer, pixel_mm=stack.pixel_mm, layer_mm=options.frame.layer_mm,
+                    first_layer_mm=options.frame.first_layer_mm)  # fmt: skip
+    mesh = read_mesh(path, unit=options.slicing.unit, scale=options.slicing.scale or 1.0)
+    return slice_like(mesh.transformed(QUARTER_TURN) if turned else mesh, stack)
 
 
 def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:
@@ -209,13 +247,13 @@ def min_feature_of(options: Options) -> float:
     return options.printer.min_feature_mm
 
 
-def _turned_to_fit(mesh: Mesh, printer: Printer | None) -> Mesh:
-    """The mesh turned by 90° on the plate if it fits the printer only so (many panels stand on end)."""
+def _fits_only_turned(mesh: Mesh, printer: Printer | None) -> bool:
+    """Whether the mesh fits the printer only if it is turned by 90° on the plate (many panels stand on end)."""
     if printer is None:
-        return mesh
+        return False
     (x, y, _), (room_x, room_y, _) = mesh.size_mm, printer.build_mm
     fits, fits_turned = x <= room_x and y <= room_y, x <= room_y and y <= room_x
-    return mesh.transformed([[0, -1, 0], [1, 0, 0], [0, 0, 1]]) if fits_turned and not fits else mesh
+    return fits_turned and not fits
 
 
 def _check_size(mesh: Mesh, printer: Printer | None, min_feature_mm: float) -> None:
@@ -259,6 +297,7 @@ def _add_up(
     gaps = [layer.gaps for layer in done if layer.gaps is not None]
     turned = [c.added_px + c.removed_px for _, c in changes]
     topology = tuple(sorted((t for _, c in changes for t in c.topology), key=lambda t: -t.area_mm2))
+    conflicts = tuple(sorted((c for _, change in changes for c in change.conflicts), key=lambda c: c.width_mm))
     return Summary(
         source=str(source),
         target=str(target),
@@ -281,6 +320,7 @@ def _add_up(
         most_changed_layer=turned.index(max(turned)) if turned else 0,
         hairline_layers=sum(layer.hairline_px > 0 for layer in done),
         topology=topology,
+        conflicts=conflicts,
         notes=(
             *stack.notes,
             *_empty_layers(done),
@@ -288,6 +328,7 @@ def _add_up(
             *_sheets(done),
             *_dimmed(done),
             *_told_of(topology),
+            *_conflicts(conflicts, min_feature_mm),
             *_specks(done),
             *told,
         ),
@@ -378,7 +419,19 @@ def _told_of(topology: tuple[TopologyChange, ...]) -> list[str]:
     return words
 
 
-def _places(changes: list[TopologyChange]) -> str:
+def _conflicts(conflicts: tuple[Conflict, ...], min_feature_mm: float) -> list[str]:
+    """What stays under the feature for what is kept free: how much, and the three narrowest places."""
+    thin = [one for one in conflicts if one.width_mm < min_feature_mm * 0.95]
+    if not thin:
+        return []
+    heights = len({one.z_mm for one in thin})
+    return [
+        f"{counted(len(thin), 'place')} under {format_mm(min_feature_mm)} for what is kept free, in"
+        f" {counted(heights, 'layer')}; the narrowest about {format_mm(round(thin[0].width_mm, 3))}: {_places(thin)}"
+    ]
+
+
+def _places(changes: Sequence[TopologyChange | Conflict]) -> str:
     """The three largest, in three places of the layers."""
     places: dict[tuple[float, ...], str] = {}
     for one in changes:

@@ -13,6 +13,7 @@ from layerfix.errors import InputError
 if TYPE_CHECKING:
     from layerfix.fdm import PathSettings
     from layerfix.layers.correction import Mode
+    from layerfix.layers.gaps import Grow
     from layerfix.layers.skeleton import Spurs
     from layerfix.mesh.slicing import Fill, ZSampling
     from layerfix.printers import Printer
@@ -54,6 +55,9 @@ class Correction:
     spurs: Spurs | None = None
     first_layer_min_feature_mm: float | None = None
     ignore_below_mm2: float | None = None
+    keep_gaps_mm: float | None = None
+    keep_out: Path | None = None
+    grow: Grow | None = None
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ def suggest(
     if abs(px - py) > 1e-9 * px and any(path.suffix.lower() == ".gcode" for path in targets):
         raise InputError(f"pixels of {format_mm(px)} × {format_mm(py)}: G-code needs square pixels; use one pitch")
     feature_mm = options.correction.min_feature_mm or low
-    mesh, stack = open_part(source, replace(options, correction=Correction(feature_mm)))
+    mesh, stack, _ = open_part(source, replace(options, correction=Correction(feature_mm)))
     stack = stack.with_workers(options.run.workers)
     suggested = suggest_widths(stack, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm)
     layer_mm = float(np.median(stack.z_mm[:, 1] - stack.z_mm[:, 0]))

@@ -8,7 +8,7 @@ nothing that was there is taken away.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 from numba import types
@@ -20,9 +20,10 @@ from layerfix.layers.columns import Room, fill_columns, to_rows
 from layerfix.layers.components import smaller_than
 from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, find_paths, open_columns
 from layerfix.layers.feature import Feature, Radius, feature_of_mm
+from layerfix.layers.gaps import GROWS, Conflict, Grow, centres_apart, grow_apart, one_by_one, void_parts
 from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule, scratch_images, skeleton_columns
 from layerfix.layers.thickness import narrowest
-from layerfix.layers.topology import TopologyChange, changes_of
+from layerfix.layers.topology import TopologyChange, box_of, changes_of
 from layerfix.stack import Change
 from layerfix.units import format_mm
 
@@ -32,9 +33,11 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from layerfix.bits import Rows
+    from layerfix.layers.gaps import Kind as Conflicting
     from layerfix.stack import Layer, LayerStack
 
     Columns = NDArray[np.uint64]
+    Found = tuple[Conflicting, NDArray[np.int64], float]  # a component: area and box; its width in mm
 
 Mode = Literal["as_printed", "add_only"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -55,12 +58,42 @@ def _count_changes(before, after):  # type: ignore[no-untyped-def]
     return solid, added, removed
 
 
+@dataclass(frozen=True)
+class _Free:
+    """What is to stay free, in pixels; keep_out are packed rows where nothing is added."""
+
+    gap_px: tuple[float, float] | None = None
+    grow: Grow = "both"
+    keep_out: Rows | None = None
+
+
+class _Corrected(NamedTuple):
+    """Corrected rows, their box, and as columns of it, in a `Room`: S, its paths, where F was drawn, the result."""
+
+    rows: Rows
+    outer: tuple[int, int, int, int]
+    solid: Columns
+    paths: Columns
+    centres: Columns
+    printed: Columns
+    conflicts: list[Found]
+
+
 def _corrected(
-    rows: Rows, width: int, feature: Feature, spurs: Spurs, add_only: bool, room: Room
-) -> tuple[Rows, tuple[int, int, int, int], Columns, Columns, Columns] | None:
-    """(corrected rows; box; as columns of it, in `room`: S, the paths that were drawn, the result); None if empty."""
+    rows: Rows,
+    width: int,
+    feature: Feature,
+    spurs: Spurs,
+    add_only: bool,
+    room: Room,
+    free: _Free | None = None,
+    pixel_mm: tuple[float, float] = (1.0, 1.0),
+) -> _Corrected | None:
+    """One layer; None if it is empty."""
     half_widths, block = feature.half_widths, feature.block
-    outer = box_with_reach(rows, *feature.reach_px)
+    shifts = free is not None and (free.keep_out is not None or free.grow != "both")
+    reach_x, reach_y = feature.reach_px
+    outer = box_with_reach(rows, (1 + shifts) * reach_x, (1 + shifts) * reach_y)
     if outer[1] == 0:
         return None
     out = np.zeros(rows.shape, np.uint64)
@@ -69,12 +102,43 @@ def _corrected(
     anchor_columns(solid, half_widths, *block, anchor, scratch[0])
     open_columns(anchor, half_widths, printed, scratch[0])
     skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch, room)
+    centres = paths
+    conflicts: list[Found] = []
     if find_paths(solid, skeleton, anchor, printed, half_widths, *block, feature.by_size, paths):
-        draw_paths(paths, printed, half_widths, *block, scratch[0])
+        if free is not None and shifts:
+            centres, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
+        draw_paths(centres, printed, half_widths, *block, scratch[0])
     if add_only:
         np.bitwise_or(printed, solid, out=printed)
+    if free is not None and free.gap_px is not None:
+        found = grow_apart(solid, skeleton, printed, centres, feature, free.gap_px, pixel_mm)
+        conflicts += [("gap", *one) for one in found]
     to_rows(printed, outer, width, out)
-    return out, outer, solid, paths, printed
+    return _Corrected(out, outer, solid, paths, centres, printed, conflicts)
+
+
+def _kept_out(
+    solid: Columns,
+    paths: Columns,
+    outer: tuple[int, int, int, int],
+    feature: Feature,
+    free: _Free,
+    pixel_mm: tuple[float, float],
+) -> tuple[Columns, list[Found]]:
+    """(where F is drawn so that nothing is added where nothing is to be; conflicts)."""
+    forbidden = np.zeros_like(solid)
+    if free.keep_out is not None:
+        fill_columns(free.keep_out, outer, forbidden)
+    if free.grow != "both":
+        side = np.empty_like(solid)
+        void_parts(solid, free.grow == "outward", side)
+        forbidden |= side
+    centres, stuck = np.empty_like(solid), np.empty_like(solid)
+    if not centres_apart(solid, forbidden, paths, feature, centres, stuck):
+        return centres, []
+    limit_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
+    return centres, [("keep_out", part, float(narrowest(solid, only, limit_mm, *pixel_mm)))
+                     for part, only in one_by_one(stuck)]  # fmt: skip
 
 
 def _check_mode(mode: str) -> None:
@@ -89,6 +153,9 @@ def correct(
     mode: Mode = "as_printed",
     spurs: Spurs = "metric",
     ignore_below_mm2: float = 0.0,
+    keep_gaps_mm: float | None = None,
+    keep_out: LayerStack | None = None,
+    grow: Grow = "both",
 ) -> LayerStack:
     """The stack with everything narrower than `min_feature_mm` thickened to it (paper, Algorithm 1).
 
@@ -98,10 +165,14 @@ def correct(
     mode            "as_printed": S ∘ F and what was too thin, drawn with F; "add_only": that and all of S
     spurs           the end-point rule of the meso-skeleton, see `meso_skeleton`
     ignore_below_mm2  parts of a layer with less area are left as they are: specks, that would become dots of F's size
+    keep_gaps_mm    what is to stay free between parts, and in holes and channels; at least a pixel stays. None: parts
+                    may grow together, holes may close. See `layerfix.layers.gaps`
+    keep_out        a stack on the same frame: nothing is added where it is solid; material goes to the other side
+    grow            "outward": nothing is added in holes; "inward": nothing is added outside; "both"
     returns         a stack of the same frame and z's; each layer carries its `Change`. What F would add past
                     the frame's edge is cut off, so leave min_feature_mm / 2 of margin
     raises          InputError for a feature that is not above 0, under two pixels or larger than the frame, for other
-                    than one feature a layer, and for an area that is negative
+                    than one feature a layer, an area below 0, a gap that is not above 0, another frame of keep_out
     """
     _check_mode(mode)
     check_spurs(spurs)
@@ -119,6 +190,12 @@ def correct(
             )
     of_layer = tuple(features[size_mm] for size_mm in sizes_mm)
     ignore_px = ignore_below_mm2 / (stack.pixel_mm[0] * stack.pixel_mm[1])
+    if grow not in GROWS:
+        raise InputError(f"grow='{grow}' is not known; choose from {', '.join(GROWS)}")
+    if keep_gaps_mm is not None and not 0 < keep_gaps_mm < np.inf:
+        raise InputError(f"keep gaps of {keep_gaps_mm} mm: it must be above 0")
+    if keep_out is not None:
+        _check_same_frame(stack, keep_out)
     if stack.repeats is not None and len(sizes_mm) > 1:
         other = np.concatenate([[True], np.diff(sizes_mm) != 0])
         stack = replace(stack, repeats=stack.repeats & ~other)
@@ -131,9 +208,20 @@ def correct(
             stack.pixel_mm,
             stack.origin_mm,
             ignore_px * (1 - 1e-9),
+            keep_gaps_mm,
+            keep_out,
+            grow,
         ),
-        pixels_only=True,
+        pixels_only=keep_out is None,
     )
+
+
+def _check_same_frame(stack: LayerStack, other: LayerStack) -> None:
+    """Raises InputError unless the pixels of two stacks are the same places."""
+    same = (stack.width, stack.height) == (other.width, other.height)
+    near = np.allclose([*stack.pixel_mm, *stack.origin_mm], [*other.pixel_mm, *other.origin_mm], atol=1e-6)
+    if not (same and near):
+        raise InputError(f"keep_out {other!r} is not on the frame of {stack!r}; cut it with slice_like")
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +235,9 @@ class _Correction:
     pixel_mm: tuple[float, float]
     origin_mm: tuple[float, float]
     ignore_px: float
+    keep_gaps_mm: float | None
+    keep_out: LayerStack | None
+    grow: Grow
     room: Room = field(default_factory=Room)
 
     def __call__(self, layer: Layer) -> Layer:
@@ -154,31 +245,49 @@ class _Correction:
         specks = smaller_than(layer.rows, self.ignore_px) if self.ignore_px > 0 else None
         ignored_px = int(np.bitwise_count(specks).sum()) if specks is not None else 0
         wanted = layer.rows & ~specks if specks is not None and ignored_px else layer.rows
-        layer_found = _corrected(wanted, layer.width, feature, self.spurs, self.add_only, self.room)
-        if layer_found is None:
+        found = _corrected(
+            wanted, layer.width, feature, self.spurs, self.add_only, self.room, self._free(layer), pixel_mm
+        )
+        if found is None:
             return replace(
                 layer,
                 change=Change(ignored_px, 0, 0, None, feature.radius_px, feature.offset_px, ignored_px=ignored_px),
             )
-        rows, outer, solid_columns, path_columns, printed_columns = layer_found
+        rows, outer = found.rows, found.outer
         feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
-        thinnest_mm: float = narrowest(solid_columns, path_columns, feature_mm, *pixel_mm)
+        thinnest_mm: float = narrowest(found.solid, found.paths, feature_mm, *pixel_mm)
         if specks is not None and ignored_px:
             rows |= specks
         solid, added, removed = _count_changes(layer.rows, rows)
         paths = None
         if layer.source is not None:
             paths = np.zeros_like(rows)
-            to_rows(path_columns, outer, layer.width, paths)
+            to_rows(found.centres, outer, layer.width, paths)
         topology: tuple[TopologyChange, ...] = ()
+        corner_px = 64 * outer[2], outer[0]
         if added:
-            corner_px = 64 * outer[2], outer[0]
-            topology = changes_of(solid_columns, printed_columns, corner_px, pixel_mm, self.origin_mm, layer.z_mm)
+            topology = changes_of(found.solid, found.printed, corner_px, pixel_mm, self.origin_mm, layer.z_mm)
         thinnest = thinnest_mm if thinnest_mm < np.inf else None
         change = Change(
-            solid, added, removed, thinnest, feature.radius_px, feature.offset_px, topology, ignored_px, paths
-        )
+            solid, added, removed, thinnest, feature.radius_px, feature.offset_px, topology,
+            tuple(Conflict(kind, box_of(part, corner_px, pixel_mm, self.origin_mm), width, layer.z_mm)
+                  for kind, part, width in found.conflicts),
+            ignored_px, paths,
+        )  # fmt: skip
         return replace(layer, rows=rows, change=change)
+
+    def _free(self, layer: Layer) -> _Free | None:
+        if self.keep_gaps_mm is None and self.keep_out is None and self.grow == "both":
+            return None
+        gap_px, keep_out = None, None
+        if self.keep_gaps_mm is not None:
+            gap_px = self.keep_gaps_mm / self.pixel_mm[0], self.keep_gaps_mm / self.pixel_mm[1]
+        if self.keep_out is not None:
+            bounds, middle = self.keep_out.z_mm, sum(layer.z_mm) / 2
+            at = int(np.searchsorted(bounds[:, 0], middle, side="right")) - 1
+            if at >= 0 and middle < bounds[at, 1]:
+                keep_out = self.keep_out.make(at).rows
+        return _Free(gap_px, self.grow, keep_out)
 
     def _feature(self, layer: Layer) -> Feature:
         if len(self.features) == 1:
@@ -190,7 +299,7 @@ def correct_rows(rows: Rows, width: int, feature: Feature, mode: Mode, spurs: Sp
     """One layer corrected as packed rows: (H, words) → (H, words)."""
     _check_mode(mode)
     found = _corrected(rows, width, feature, spurs, mode == "add_only", Room())
-    return np.zeros_like(rows) if found is None else found[0]
+    return np.zeros_like(rows) if found is None else found.rows
 
 
 def correct_image(

@@ -73,6 +73,19 @@ def _overlaps(before, after, of_void):  # type: ignore[no-untyped-def]
     return parts, other_parts, pairs[:n].copy()
 
 
+def box_of(
+    part: NDArray[np.int64],
+    corner_px: tuple[int, int],
+    pixel_mm: tuple[float, float],
+    origin_mm: tuple[float, float],
+) -> tuple[float, float, float, float]:
+    """(left, bottom, right, top) in mm of a row of `measured_parts`; corner_px as in `changes_of`."""
+    (x, y), (px, py) = origin_mm, pixel_mm
+    left, right = int(part[LEFT]) + corner_px[0], int(part[RIGHT]) + corner_px[0]
+    top, bottom = int(part[TOP]) + corner_px[1], int(part[BOTTOM]) + corner_px[1]
+    return x + left * px, y - bottom * py, x + right * px, y - top * py
+
+
 def changes_of(
     before: NDArray[np.uint64],
     after: NDArray[np.uint64],
@@ -88,12 +101,10 @@ def changes_of(
     found: list[TopologyChange] = []
 
     def tell(kind: Kind, count: int, parts: NDArray[np.int64], area_px: int) -> None:
-        left, right = (int(x) + corner_px[0] for x in (parts[:, LEFT].min(), parts[:, RIGHT].max()))
-        top, bottom = (int(y) + corner_px[1] for y in (parts[:, TOP].min(), parts[:, BOTTOM].max()))
-        box_mm = (
-            origin_mm[0] + left * pixel_mm[0], origin_mm[1] - bottom * pixel_mm[1],
-            origin_mm[0] + right * pixel_mm[0], origin_mm[1] - top * pixel_mm[1],
-        )  # fmt: skip
+        whole = np.array(
+            [0, parts[:, LEFT].min(), parts[:, TOP].min(), parts[:, RIGHT].max(), parts[:, BOTTOM].max()]
+        )
+        box_mm = box_of(whole, corner_px, pixel_mm, origin_mm)
         found.append(TopologyChange(kind, count, box_mm, area_px * pixel_mm[0] * pixel_mm[1], z_mm))
 
     names: tuple[tuple[bool, Kind, Kind, Kind, Kind], ...] = (

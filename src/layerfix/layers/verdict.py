@@ -14,11 +14,7 @@ from layerfix.kernels import njit
 from layerfix.layers.columns import Room, fill_columns
 from layerfix.layers.components import (
     AREA,
-    BOTTOM,
-    LEFT,
-    RIGHT,
     RUNS,
-    TOP,
     has_bit,
     label_runs,
     measured_parts,
@@ -28,7 +24,7 @@ from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, 
 from layerfix.layers.feature import Feature, feature_of_mm
 from layerfix.layers.skeleton import Spurs, check_spurs, scratch_images, skeleton_columns
 from layerfix.layers.thickness import narrowest
-from layerfix.layers.topology import TopologyChange, changes_of
+from layerfix.layers.topology import TopologyChange, box_of, changes_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -162,17 +158,11 @@ class _Judge:
         self, table: NDArray[np.int64], z_mm: tuple[float, float], corner_px: tuple[int, int] = (0, 0)
     ) -> tuple[Place, ...]:
         """Rows of a kernel's table as places on the frame."""
-        (px, py), (x, y) = self.pixel_mm, self.origin_mm
         return tuple(
             Place(
                 z_mm,
-                (
-                    float(x + (row[LEFT] + corner_px[0]) * px),
-                    float(y - (row[BOTTOM] + corner_px[1]) * py),
-                    float(x + (row[RIGHT] + corner_px[0]) * px),
-                    float(y - (row[TOP] + corner_px[1]) * py),
-                ),
-                float(row[AREA] * px * py),
+                box_of(row, corner_px, self.pixel_mm, self.origin_mm),
+                float(row[AREA] * self.pixel_mm[0] * self.pixel_mm[1]),
             )
             for row in table
         )

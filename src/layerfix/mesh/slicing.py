@@ -200,20 +200,35 @@ def slice_mesh(
     width, height, origin = _frame(mesh, pitch, margin_mm, frame_px)
     z_mm = _layers(mesh, layer_mm, first_layer_mm)
     grid = _Grid(pitch, origin, (height, words_for(width)), width, float(mesh.bounds_mm[0, 2]), z_mm)
-    pieces = _pieces(mesh, grid, FILLS[fill], hairlines, z_sampling)
-
-    how = {"pixel_mm": pitch, "layer_mm": layer_mm, "first_layer_mm": first_layer_mm, "margin_mm": margin_mm,
-           "fill": fill, "hairlines": hairlines, "z_sampling": z_sampling, "frame_px": frame_px}  # fmt: skip
-    make = _Sliced(mesh, how, pieces, grid)
+    make = _sliced(mesh, grid, FILLS[fill], hairlines, z_sampling)
     return LayerStack(width, height, pitch, z_mm, make, origin, notes=mesh.notes)
+
+
+def slice_like(mesh: Mesh, stack: LayerStack, *, fill: Fill = "nonzero") -> LayerStack:
+    """Cut a mesh into the layers and pixels of another stack: a bore to be kept free, say, for `correct`.
+
+    If that stack was sliced from a mesh, both have the same origin; otherwise z = 0 is the plate, and x and y are the
+    stack's. What lies outside the frame is cut off. Raises InputError for a part without thickness.
+    """
+    if fill not in FILLS:
+        raise InputError(f"fill='{fill}' is not known; choose from {', '.join(FILLS)}")
+    if min(mesh.size_mm) <= 0:
+        raise InputError(f"{mesh.name}: the part is {' × '.join(f'{s:.4g}' for s in mesh.size_mm)} mm; it is flat")
+    make: Any = stack.make
+    while not isinstance(make, _Sliced) and hasattr(make, "make"):
+        make = make.make
+    lowest_mm = make.grid.lowest_mm if isinstance(make, _Sliced) else 0.0
+    shape = stack.height, words_for(stack.width)
+    grid = _Grid(stack.pixel_mm, stack.origin_mm, shape, stack.width, lowest_mm, stack.z_mm)
+    make = _sliced(mesh, grid, FILLS[fill], False, "middle")
+    return LayerStack(stack.width, stack.height, stack.pixel_mm, stack.z_mm, make, stack.origin_mm, notes=mesh.notes)
 
 
 @dataclass(frozen=True, eq=False)
 class _Sliced:
     """`make` of a sliced mesh. What is pickled is the mesh and how it is sliced."""
 
-    mesh: Mesh
-    how: dict[str, Any]
+    how: tuple[Any, ...]  # what `_sliced` takes
     pieces: list[_Piece]
     grid: _Grid
 
@@ -227,13 +242,12 @@ class _Sliced:
                      found.sheets_lost)  # fmt: skip
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _sliced, (self.mesh, self.how)
+        return _sliced, self.how
 
 
-def _sliced(mesh: Mesh, how: dict[str, Any]) -> _Sliced:
-    make = slice_mesh(mesh, **how).make
-    assert isinstance(make, _Sliced)
-    return make
+def _sliced(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool, z_sampling: ZSampling) -> _Sliced:
+    pieces = _pieces(mesh, grid, rule, hairlines, z_sampling)
+    return _Sliced((mesh, grid, rule, hairlines, z_sampling), pieces, grid)
 
 
 def _pieces(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool, z_sampling: ZSampling) -> list[_Piece]:
