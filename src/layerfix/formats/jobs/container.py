@@ -208,6 +208,8 @@ def bounds_of_table(
     if not np.isfinite(z).all() or (np.diff(z) < 0).any():
         raise InputError(f"{path}: the layers' heights do not rise")
     at, which = np.unique(z, return_inverse=True)
+    if len(at) == 1 < len(z):
+        raise InputError(f"{path}: the layers' heights do not rise")
     found = layer_bounds_mm(len(at), hints.layer_mm, hints.first_layer_mm) if hints.layer_mm else bounds(at)
     return found[which]
 
