@@ -236,6 +236,11 @@ def check(source: Path, printer: str | None, as_json: bool, markdown: bool, **gi
         "--step", "step_mm", type=Length(), default="0.05mm", show_default=True, help="Between widths tried."
     ),
     cloup.option("--loss", "loss_mm", type=Length(), help="Tips may come out blunter by this. [default: width / 4]"),
+    cloup.option(
+        "--rule",
+        type=cloup.Choice(["opening", "thinning"]),
+        help="By what the bead would lose, or by where thinning first leaves a line. [default: opening]",
+    ),
     cloup.option("--bands", type=cloup.IntRange(1), default=6, show_default=True, help="At most so many by height."),
     cloup.option("--band-height", "band_height_mm", type=Length(), help="Lowest band. [default: five layers]"),
 )
@@ -254,9 +259,10 @@ def widths(source: Path, targets: tuple[Path, ...], printer: str | None, as_json
     """
     with _kernels_ready():
         from layerfix.commands import widths as width_job
-    names = ("min_mm", "max_mm", "step_mm", "loss_mm", "bands", "band_height_mm", "slicer")
+    names = ("min_mm", "max_mm", "step_mm", "loss_mm", "rule", "bands", "band_height_mm", "slicer")
     wanted = {name: given.pop(name) for name in names}
     wanted["loss_mm"] = wanted["loss_mm"] or 0.0
+    wanted["rule"] = wanted["rule"] or "opening"
     with _progress(f"measuring {source.name}") as progress:
         options = _options(printer, given)
         summary = width_job.suggest(source, targets, options, width_job.WidthOptions(**wanted), progress)

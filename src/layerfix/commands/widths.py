@@ -21,7 +21,7 @@ from layerfix.fdm.width_plan import WidthPlan, with_first_layer
 from layerfix.files import already_written, check_apart, check_input, check_target
 from layerfix.formats import write
 from layerfix.formats.solid.width_files import SLICERS
-from layerfix.layers.widths import Widths, suggest_widths
+from layerfix.layers.widths import Rule, Widths, suggest_widths
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ class WidthOptions:
     max_mm: float | None = None
     step_mm: float = 0.05
     loss_mm: float = 0.0
+    rule: Rule = "opening"
     bands: int = 6
     band_height_mm: float | None = None
     slicer: str | None = None
@@ -116,7 +117,9 @@ def suggest(
     feature_mm = options.correction.min_feature_mm or low
     mesh, stack, _ = open_part(source, replace(options, correction=Correction(feature_mm)))
     stack = stack.with_workers(options.run.workers)
-    suggested = suggest_widths(stack, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm)
+    suggested = suggest_widths(
+        stack, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm, rule=wanted.rule
+    )
     layer_mm = float(np.median(stack.z_mm[:, 1] - stack.z_mm[:, 0]))
     height_mm = 5 * layer_mm if wanted.band_height_mm is None else wanted.band_height_mm
     chosen = banded(suggested, wanted.bands, min_height_mm=height_mm)

@@ -102,11 +102,17 @@ def draw_widths(stack: LayerStack, suggested: Widths, chosen: Widths, *, title: 
     for widths, stroke, colour in ((suggested, 1.5, PALE), (chosen, 3.0, "#1f5fd6")):
         steps = [(x_of(w), y_of(z)) for low, high, w in widths.ranges() for z in (low, high)]
         drawing.line(steps, stroke, colour)
+    if suggested.thinning_mm is not None:
+        at = np.clip(suggested.thinning_mm, lowest, highest)
+        steps = [(x_of(at[k]), y_of(z)) for k, bounds in enumerate(suggested.z_mm.tolist()) for z in bounds]
+        drawing.line(steps, 1.0, "#2ca02c")
     for k in np.flatnonzero(suggested.too_thin).tolist():
         drawing.box(plot_left + 4, y_of(suggested.z_mm[k, 1]), 8,
                     (suggested.z_mm[k, 1] - suggested.z_mm[k, 0]) * scale + 0.3, "#d62728")  # fmt: skip
     drawing.text(left, 36, title, 20, INK)
     drawing.text(left, bottom + 42, "z in mm; red: too thin for every width, correct these", 14, INK)
     drawing.text(plot_left, bottom + 42, "extrusion width in mm", 14, INK)
-    drawing.text(plot_left, bottom + 62, "grey: suggested, blue: chosen", 14, INK)
+    drawing.text(
+        plot_left, bottom + 62, "grey: suggested, blue: chosen, green: where thinning leaves a line", 14, INK
+    )
     return drawing

@@ -1,15 +1,26 @@
 """Per-layer extrusion widths: the largest structuring element that prints a layer without an important change.
 
-Source: the paper's "Structuring Element Size". A width d prints layer S if the opening P = S ∘ F(d)
+Source: the paper's "Structuring Element Size". Two rules:
+
+"opening". A width d prints layer S if the opening P = S ∘ F(d)
   (1) has one component (8-connected) in each of S's, and one void (4-connected) round each of S's voids, and
-  (2) loses no pixel that is farther than max(d / 4, loss_mm) from what remains.
-A corner of 90° at any turn loses 0.207 d, so corners of squares do not count; a tip of 60° loses d / 2 and does.
+  (2) loses no pixel that is farther than max(d / 4, loss_mm) and a pixel from what remains.
+A corner of 90° at any turn loses 0.207 d, so corners of squares do not count; a tip of 60° loses d / 2 and does, from
+8 px on. (The pixel is what the raster allows: half of it at the lost pixel, whose centre is not its edge, and half at
+the remaining one.)
+
+"thinning", the paper's own words: the first layer of thinning where the skeleton becomes one pixel wide. As contours
+are taken off S, the first line that is left, and is no insignificant end, is where S is narrowest: after w / 2 of
+contours in a place that is w wide. It is measured there, between both edges, within half a pixel.
+
+Both agree within a pixel where layers have no corners: on rings, walls, plates with holes. They part at corners and
+tips. A tip narrows to nothing: thinning takes what is significant of it by its angle, opening by how much it loses.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numba import types
@@ -17,10 +28,13 @@ from numba import types
 from layerfix.bits import ROWS, U0, U1, U63, lowest_bit, popcount
 from layerfix.errors import InputError
 from layerfix.kernels import njit
-from layerfix.layers.columns import to_columns
+from layerfix.layers.columns import Room, fill_columns, to_columns
 from layerfix.layers.components import label_runs, same_topology
-from layerfix.layers.feature import feature_of_mm
-from layerfix.layers.morphology import HALF_WIDTHS, dilate_columns, disc_half_widths, erode_columns, working_box
+from layerfix.layers.drawing import anchor_columns, box_with_reach, find_paths, open_columns
+from layerfix.layers.feature import Feature, feature_of_mm
+from layerfix.layers.morphology import HALF_WIDTHS
+from layerfix.layers.skeleton import scratch_images, skeleton_columns
+from layerfix.layers.thickness import narrowest
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
@@ -28,6 +42,8 @@ if TYPE_CHECKING:
 
     from layerfix.stack import Layer, LayerStack
 
+Rule = Literal["opening", "thinning"]
+RULES: tuple[Rule, ...] = get_args(Rule)
 MAX_CANDIDATES = 1000
 NEARLY = 1e-9  # mm; what two ways of computing a length may differ by
 UNKNOWN, FAILS_FOR_GOOD, FAILS, HOLDS = -1, 0, 1, 2
@@ -63,10 +79,10 @@ def _reach_mm(lost, kept, offsets, distances_mm):  # type: ignore[no-untyped-def
 
 
 @njit
-def _opened(solid, half_widths, kept, scratch, lost):  # type: ignore[no-untyped-def]
+def _opened(solid, half_widths, bx, by, kept, scratch, lost):  # type: ignore[no-untyped-def]
     """kept = solid ∘ F, lost = the rest (also used as scratch); True if anything is lost."""
-    erode_columns(solid, half_widths, lost, scratch)
-    dilate_columns(lost, half_widths, kept, scratch)
+    anchor_columns(solid, half_widths, bx, by, lost, scratch)
+    open_columns(lost, half_widths, kept, scratch)
     any_lost = U0
     for w in range(solid.shape[0]):
         for y in range(solid.shape[1]):
@@ -92,10 +108,10 @@ def _boundary_px(columns):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _verdict(solid, half_widths, limit_mm, last_mm, parts, voids, offsets, distances_mm, work):  # type: ignore[no-untyped-def]
+def _verdict(solid, half_widths, block, limit_mm, last_mm, parts, voids, offsets, distances_mm, work):  # type: ignore[no-untyped-def]
     """HOLDS, FAILS, or FAILS_FOR_GOOD: for every wider candidate, too."""
     kept, scratch, lost = work[0], work[1], work[2]
-    if not _opened(solid, half_widths, kept, scratch, lost):
+    if not _opened(solid, half_widths, block[0], block[1], kept, scratch, lost):
         return HOLDS
     reach_mm = _reach_mm(lost, kept, offsets, distances_mm)
     if reach_mm > last_mm + NEARLY or not same_topology(solid, kept, parts, voids):
@@ -103,11 +119,12 @@ def _verdict(solid, half_widths, limit_mm, last_mm, parts, voids, offsets, dista
     return FAILS if reach_mm > limit_mm + NEARLY else HOLDS
 
 
-@njit(SUGGESTION(ROWS, HALF_WIDTHS, STARTS, LIMITS, OFFSETS, LIMITS), cache=True, nogil=True)
-def _suggest(rows, discs, starts, limits_mm, offsets, distances_mm):  # type: ignore[no-untyped-def]
+@njit(SUGGESTION(ROWS, HALF_WIDTHS, STARTS, OFFSETS, LIMITS, OFFSETS, LIMITS), cache=True, nogil=True)
+def _suggest(rows, discs, starts, blocks, limits_mm, offsets, distances_mm):  # type: ignore[no-untyped-def]
     """(number of the widest candidate that holds, or 0; whether it does; solid pixels; `_boundary_px`).
 
-    discs, starts: half widths of the candidates' discs, one after the other; limits_mm: of the reach, for each.
+    discs, starts, blocks: half widths of the candidates' discs, one after the other, and their blocks (`Feature`);
+    limits_mm: of the reach, for each.
 
     "Fails for good" is monotone: the topology stays broken, and what is too far for the widest candidate is too far
     for all. So the first that does is found by halving; below it the law itself is tried downwards, mostly once.
@@ -115,7 +132,8 @@ def _suggest(rows, discs, starts, limits_mm, offsets, distances_mm):  # type: ig
     holds again. Then this finds one that holds while the next one fails, too.)
     """
     last = starts.shape[0] - 2
-    outer = working_box(rows, discs[starts[last] : starts[last + 1]])
+    widest = discs[starts[last] : starts[last + 1]]
+    outer = box_with_reach(rows, widest[0] + 1, widest.shape[0])
     if outer[1] == 0:
         return last, True, 0, (0, 0, 0, 0)
     solid = to_columns(rows, outer)
@@ -133,7 +151,16 @@ def _suggest(rows, discs, starts, limits_mm, offsets, distances_mm):  # type: ig
         if verdicts[at] == UNKNOWN:
             half_widths = discs[starts[at] : starts[at + 1]]
             verdicts[at] = _verdict(
-                solid, half_widths, limits_mm[at], limits_mm[last], parts, voids, offsets, distances_mm, work
+                solid,
+                half_widths,
+                blocks[at],
+                limits_mm[at],
+                limits_mm[last],
+                parts,
+                voids,
+                offsets,
+                distances_mm,
+                work,
             )
         halving = high - low > 1
         if halving and verdicts[at] == FAILS_FOR_GOOD:
@@ -162,6 +189,7 @@ class Widths:
     too_thin    (layers,) bool: not even the narrowest width prints the layer unchanged; correct these
     area_mm2, outline_mm   (layers,) solid area, and length of all outlines
     range_mm, step_mm      what was asked for
+    thinning_mm (layers,) width where thinning first leaves a line, at most the widest candidate
     """
 
     z_mm: NDArray[np.float64]
@@ -171,6 +199,7 @@ class Widths:
     outline_mm: NDArray[np.float64]
     range_mm: tuple[float, float]
     step_mm: float
+    thinning_mm: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.width_mm)
@@ -202,13 +231,20 @@ def candidates_mm(min_mm: float, max_mm: float, step_mm: float) -> NDArray[np.fl
 
 
 def suggest_widths(
-    stack: LayerStack, *, min_mm: float, max_mm: float, step_mm: float = 0.05, loss_mm: float = 0.0
+    stack: LayerStack,
+    *,
+    min_mm: float,
+    max_mm: float,
+    step_mm: float = 0.05,
+    loss_mm: float = 0.0,
+    rule: Rule = "opening",
 ) -> Widths:
     """For each layer, the widest of the candidates that prints it without an important change (see the module).
 
     min_mm, max_mm, step_mm  the candidates; a layer that none of them prints unchanged gets min_mm and is `too_thin`
     loss_mm  a loss that does not matter however narrow the bead: tips may come out blunter by so much
-    raises   InputError for a range that is none, widths under two pixels, and a loss below 0
+    rule     "opening": by what opening the layer loses; "thinning": by where thinning first leaves a line
+    raises   InputError for a range that is none, widths under two pixels, a loss below 0, and an unknown rule
     """
     widths = candidates_mm(min_mm, max_mm, step_mm)
     if not 0 <= loss_mm < np.inf:
@@ -218,30 +254,65 @@ def suggest_widths(
             f"widths from {format_mm(min_mm)}: that is under two pixels of {format_mm(max(stack.pixel_mm))};"
             " use smaller pixels or wider beads"
         )
-    discs = [disc_half_widths(*feature_of_mm(float(d), stack.pixel_mm).radius_px) for d in widths]
+    if rule not in RULES:
+        raise InputError(f"rule='{rule}' is not known; choose from {', '.join(RULES)}")
+    features = [feature_of_mm(float(d), stack.pixel_mm) for d in widths]
+    discs, blocks = [f.half_widths for f in features], np.array([f.block for f in features], np.int64)
     starts = np.concatenate([[0], np.cumsum([len(d) for d in discs])])
-    limits_mm = np.maximum(widths / 4, loss_mm)
+    limits_mm = np.maximum(widths / 4, loss_mm) + max(stack.pixel_mm)
     frame_mm = float(np.hypot(stack.width * stack.pixel_mm[0], stack.height * stack.pixel_mm[1]))
     offsets, distances_mm = _offsets(min(float(limits_mm.max()), frame_mm), stack.pixel_mm)
     half_widths = np.concatenate(discs)
 
-    def suggest(layer: Layer) -> tuple[int, bool, int, tuple[int, int, int, int]]:
+    thinned = _Thinned(features[-1], stack.pixel_mm)
+
+    def suggest(layer: Layer) -> tuple[int, bool, int, tuple[int, int, int, int], float]:
         found: tuple[int, bool, int, tuple[int, int, int, int]] = _suggest(
-            layer.rows, half_widths, starts, limits_mm, offsets, distances_mm
+            layer.rows, half_widths, starts, blocks, limits_mm, offsets, distances_mm
         )
-        return found
+        return (*found, thinned(layer))
 
     found = list(stack.each(suggest, once=True))
+    thinning_mm = np.array([min(width, max_mm) for *_, width in found])
+    picked = np.array([k for k, *_ in found])
+    too_thin = np.array([not holds for _, holds, *_ in found], np.bool_)
+    if rule == "thinning":
+        fits = widths[None, :] <= thinning_mm[:, None] + max(stack.pixel_mm) / 2
+        picked, too_thin = np.maximum(fits.sum(axis=1) - 1, 0), np.logical_not(fits.any(axis=1))
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
     return Widths(
         stack.z_mm,
-        widths[[k for k, _, _, _ in found]],
-        np.array([not holds for _, holds, _, _ in found], np.bool_),
-        np.array([pixels * pixel_mm2 for _, _, pixels, _ in found], np.float64),
-        np.array([_outline_mm(edges, stack.pixel_mm) for _, _, _, edges in found], np.float64),
+        widths[picked],
+        too_thin,
+        np.array([pixels * pixel_mm2 for _, _, pixels, *_ in found], np.float64),
+        np.array([_outline_mm(edges, stack.pixel_mm) for *_, edges, _ in found], np.float64),
         (min_mm, max_mm),
         step_mm,
+        thinning_mm,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Thinned:
+    """Where a layer is narrowest: the width in mm at which thinning first leaves a line, inf if F leaves none."""
+
+    feature: Feature
+    pixel_mm: tuple[float, float]
+    room: Room = field(default_factory=Room)
+
+    def __call__(self, layer: Layer) -> float:
+        feature = self.feature
+        outer = box_with_reach(layer.rows, *feature.reach_px)
+        if outer[1] == 0:
+            return np.inf
+        solid, anchor, skeleton, opened, paths, *scratch = self.room.columns(outer, 5 + scratch_images("metric"))
+        fill_columns(layer.rows, outer, solid)
+        anchor_columns(solid, feature.half_widths, *feature.block, anchor, scratch[0])
+        open_columns(anchor, feature.half_widths, opened, scratch[0])
+        skeleton_columns(solid, anchor, feature, "metric", skeleton, scratch, self.room)
+        find_paths(solid, skeleton, anchor, opened, feature.half_widths, *feature.block, True, paths)
+        limit_mm = max(2 * r * p for r, p in zip(feature.radius_px, self.pixel_mm, strict=True))
+        return float(narrowest(solid, paths, limit_mm, *self.pixel_mm))
 
 
 def _offsets(limit_mm: float, pixel_mm: tuple[float, float]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

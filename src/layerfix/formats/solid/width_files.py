@@ -106,19 +106,19 @@ def _object_xml(mesh: Mesh, settings: dict[str, str], kind: str) -> str:
 
 def table(suggested: Widths, chosen: Widths) -> list[dict[str, Any]]:
     """A row for each layer."""
+    thinning = suggested.thinning_mm
     return [
         {
             "layer": k,
             "bottom_mm": round(float(z[0]), 6),
             "top_mm": round(float(z[1]), 6),
-            "suggested_mm": round(float(a), 6),
-            "width_mm": round(float(b), 6),
-            "too_thin": bool(thin),
-            "area_mm2": round(float(area), 4),
+            "suggested_mm": round(float(suggested.width_mm[k]), 6),
+            "thinning_mm": None if thinning is None else round(float(thinning[k]), 6),
+            "width_mm": round(float(chosen.width_mm[k]), 6),
+            "too_thin": bool(suggested.too_thin[k]),
+            "area_mm2": round(float(suggested.area_mm2[k]), 4),
         }
-        for k, (z, a, b, thin, area) in enumerate(
-            zip(chosen.z_mm, suggested.width_mm, chosen.width_mm, suggested.too_thin, suggested.area_mm2, strict=True)
-        )
+        for k, z in enumerate(chosen.z_mm)
     ]
 
 
