@@ -75,6 +75,9 @@ JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary a
         "--ignore-below", "ignore_below_mm2", type=Area(), help="Leave smaller specks as they are: 0.01mm2."
     ),
     cloup.option(
+        "--min-layers", type=cloup.IntRange(1, 100), help="What is of fewer layers becomes so many high. [default: 1]"
+    ),
+    cloup.option(
         "--keep-gaps", "keep_gaps_mm", type=Length(), help="Parts stay apart and holes open, by at least so much."
     ),
     cloup.option(

@@ -63,6 +63,7 @@ class Layer:
     hairline_px  pixels that stand for what is thinner than one
     sheet_px  pixels of what is thinner than a layer and was met by no mid-plane
     sheets_lost  parts of such, too thin to be kept
+    raised_px  pixels that were added for what is of too few layers
     dimmed_px  pixels of dimmed interiors, which count as solid and are left as they are
     source  what the layer was decoded from, for a writer that keeps what it can of it
     """
@@ -77,6 +78,7 @@ class Layer:
     sheet_px: int = 0
     sheets_lost: int = 0
     dimmed_px: int = 0
+    raised_px: int = 0
 
     def __post_init__(self) -> None:
         """Raises InputError unless `rows` keeps the contract; marks it read-only."""

@@ -47,6 +47,33 @@ def shell(diameter_mm: float = 20.0, wall_mm: float = 0.3) -> Mesh:
     return shapes.join([outer, shapes.cavity(inner)])
 
 
+def fcc_lattice(cell_mm: float = 4.0, cells: tuple[int, int, int] = (3, 3, 2), strut_mm: float = 0.3) -> Mesh:
+    """A plate and on it a lattice: struts from every cell's corners to the middles of its faces."""
+    starts, ends = [], []
+    corners = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)], float)
+    for cell in np.ndindex(cells):
+        for axis in range(3):
+            for side in (0.0, 1.0):
+                middle = np.full(3, 0.5)
+                middle[axis] = side
+                own = corners[corners[:, axis] == side]
+                starts.append((own + cell) * cell_mm)
+                ends.append(np.tile((middle + cell) * cell_mm, (4, 1)))
+    start, end = np.concatenate(starts), np.concatenate(ends)
+    _, first = np.unique(np.round(np.concatenate([start, end], axis=1), 6), axis=0, return_index=True)
+    size = np.array(cells) * cell_mm
+    plate = shapes.boxes([-1, -1, -PLATE_MM], [size[0] + 1, size[1] + 1, 0])
+    return shapes.join([plate, shapes.rods(start[first], end[first], strut_mm / 2)])
+
+
+def hub() -> Mesh:
+    """A wheel on three feet of half a layer of 0.2 mm: its bottom is on the first mid-plane."""
+    feet = np.stack([4 * np.cos([0, 2.1, 4.2]), 4 * np.sin([0, 2.1, 4.2])], axis=1)
+    wheel = shapes.posts([[0, 0]], [6.0], 0.1, 2.0, sides=96)
+    spokes = shapes.bars([[6, 0], [-6, 0]], [[9, 0], [-9, 0]], [0.3, 0.3], 0.1, 2.0)
+    return shapes.join([wheel, spokes, shapes.posts(feet, [1.0] * 3, 0.0, 0.1, sides=48)])
+
+
 def placed(mesh: Mesh) -> Mesh:
     """On the bed, the middle of its box at MIDDLE_MM."""
     low, high = mesh.bounds_mm
@@ -68,6 +95,8 @@ MODELS = {
     for model in (
         Model("fins-and-pins", "fins and pins 0.10 to 1.00 mm wide on a plate", fins_and_pins),
         Model("shell", "hollow sphere Ø 20 mm, wall 0.3 mm", shell),
+        Model("lattice", "fcc-like lattice of Ø 0.3 mm struts on a plate", fcc_lattice),
+        Model("hub", "a wheel whose bottom is on the first mid-plane, with spokes of 0.3 mm", hub),
         Model("dragon", "dragon_bronze.stl at 30 %", _shared("dragon_bronze.stl", (0.3, 0.3, 0.3))),
         Model("text", "text_uvtools.stl at 55 % in x and y", _shared("text_uvtools.stl", (0.55, 0.55, 1.0))),
         Model("castle", "castle_ruin.stl at 50 %", _shared("castle_ruin.stl", (0.5, 0.5, 0.5))),

@@ -111,6 +111,7 @@ def fix(
         keep_gaps_mm=options.correction.keep_gaps_mm,
         keep_out=keep_out,
         grow=options.correction.grow or "both",
+        min_layers=options.correction.min_layers or 1,
     ).with_workers(options.run.workers)
     done: list[Layer] = []
 
@@ -327,6 +328,7 @@ def _add_up(
             *_hairlines(done, stack.pixel_mm),
             *_sheets(done),
             *_dimmed(done),
+            *_raised(done),
             *_told_of(topology),
             *_conflicts(conflicts, min_feature_mm),
             *_specks(done),
@@ -392,6 +394,13 @@ def _dimmed(done: list[Layer]) -> list[str]:
     return [
         f"dimmed inside in {counted(len(at), 'layer')}, the first at z = {at[0]:.3f} mm: a pattern, left as it is"
     ]
+
+
+def _raised(done: list[Layer]) -> list[str]:
+    """A word about what was of too few layers."""
+    at = [layer.z_mm[0] for layer in done if layer.raised_px]
+    return [f"raised to the fewest layers asked for in {counted(len(at), 'layer')}, the first at"
+            f" z = {at[0]:.3f} mm"] if at else []  # fmt: skip
 
 
 def _specks(done: list[Layer]) -> list[str]:

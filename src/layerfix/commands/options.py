@@ -58,6 +58,7 @@ class Correction:
     keep_gaps_mm: float | None = None
     keep_out: Path | None = None
     grow: Grow | None = None
+    min_layers: int | None = None
 
 
 @dataclass(frozen=True)

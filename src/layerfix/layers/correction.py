@@ -21,6 +21,7 @@ from layerfix.layers.components import smaller_than
 from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, find_paths, open_columns
 from layerfix.layers.feature import Feature, Radius, feature_of_mm
 from layerfix.layers.gaps import GROWS, Conflict, Grow, centres_apart, grow_apart, one_by_one, void_parts
+from layerfix.layers.heights import with_min_layers
 from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule, scratch_images, skeleton_columns
 from layerfix.layers.thickness import narrowest
 from layerfix.layers.topology import TopologyChange, box_of, changes_of
@@ -156,6 +157,7 @@ def correct(
     keep_gaps_mm: float | None = None,
     keep_out: LayerStack | None = None,
     grow: Grow = "both",
+    min_layers: int = 1,
 ) -> LayerStack:
     """The stack with everything narrower than `min_feature_mm` thickened to it (paper, Algorithm 1).
 
@@ -168,6 +170,7 @@ def correct(
     keep_gaps_mm    what is to stay free between parts, and in holes and channels; at least a pixel stays. None: parts
                     may grow together, holes may close. See `layerfix.layers.gaps`
     keep_out        a stack on the same frame: nothing is added where it is solid; material goes to the other side
+    min_layers      what is solid for fewer layers in a row becomes so many high first (`layerfix.layers.heights`)
     grow            "outward": nothing is added in holes; "inward": nothing is added outside; "both"
     returns         a stack of the same frame and z's; each layer carries its `Change`. What F would add past
                     the frame's edge is cut off, so leave min_feature_mm / 2 of margin
@@ -199,7 +202,7 @@ def correct(
     if stack.repeats is not None and len(sizes_mm) > 1:
         other = np.concatenate([[True], np.diff(sizes_mm) != 0])
         stack = replace(stack, repeats=stack.repeats & ~other)
-    return stack.map(
+    return with_min_layers(stack, min_layers).map(
         _Correction(
             of_layer,
             stack.z_mm[:, 0],
@@ -263,6 +266,8 @@ class _Correction:
         if layer.source is not None:
             paths = np.zeros_like(rows)
             to_rows(found.centres, outer, layer.width, paths)
+            if layer.raised_px:
+                paths |= layer.rows & ~layer.source.seen  # drawn in full
         topology: tuple[TopologyChange, ...] = ()
         corner_px = 64 * outer[2], outer[0]
         if added:
