@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from layerfix import LayerStack, correct
 from layerfix.commands.check import Verdict
-from layerfix.layers.verdict import LayerVerdict, Place, judge
+from layerfix.layers.verdict import LayerVerdict, Place, judge, narrowest_place
 from tests import slow_metric
 from tests.making import box, joined, run_layerfix, save_stl
 from tests.pictures_as_text import block, framed, images, round_dot
@@ -111,7 +111,7 @@ def test_the_command_says_what_is_lost_and_ends_with_1(part):
     assert re.search(
         r"verdict +15 features narrower than 0\.4 mm would be lost, in 15 layers; after correction 0", run.out
     )
-    assert re.search(r"thinnest +0\.1 mm \(± 25 µm\) at z = ", run.out)
+    assert re.search(r"thinnest +0\.1 mm \(± 25 µm\) in x \d\.\d+ to \d\.\d+, y .*, z = ", run.out)
     assert run.err == ""
 
 
@@ -180,3 +180,33 @@ def test_what_is_left_is_what_is_found_in_the_corrected_layer(image):
         (after,) = judge(correct(stack, min_feature_mm=5, mode=mode), min_feature_mm=5)
         assert one.features_left == after.features_lost
         assert mode == "add_only" or after.features_lost == 0
+
+
+@pytest.mark.parametrize("gap", [1, 2, 3, 5, 7])
+@pytest.mark.parametrize("degrees", [0, 25, 45])
+def test_the_narrowest_gap(gap, degrees):
+    """A slot through a plate, at any angle: as wide as it is, within a pixel; without it there is none."""
+    y, x = np.mgrid[-60:61, -60:61] + 0.2
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    along, across = x * c + y * s, y * c - x * s
+    plate = (abs(along) < 30) & (abs(across) < 25)
+    slotted = plate & ~((abs(across) < gap / 2) & (along > -20))
+    whole, cut = judge(stack_of(plate, slotted), min_feature_mm=9)
+    assert whole.thinnest_gap_mm is None
+    assert abs(cut.thinnest_gap_mm - gap) <= 1
+    place = narrowest_place(stack_of(slotted), 0, min_feature_mm=9, of_void=True)
+    left, bottom, right, top = place.box_mm
+    assert np.hypot(right - left, top - bottom) > 30
+
+
+def test_two_parts_and_what_is_between_them():
+    """4 px between two blocks; the thinnest wall is elsewhere, and each has its place."""
+    image = framed(np.zeros((50, 100), bool), 10)
+    image[15:50, 15:50] = image[15:50, 54:90] = True
+    image[20:23, 90:105] = True
+    stack = stack_of(image)
+    (one,) = judge(stack, min_feature_mm=8)
+    assert (one.thinnest_mm, one.thinnest_gap_mm) == (3, 4)
+    wall, gap = (narrowest_place(stack, 0, min_feature_mm=8, of_void=of_void) for of_void in (False, True))
+    assert 85 < wall.box_mm[0] < wall.box_mm[2] < 110
+    assert 49 < gap.box_mm[0] < gap.box_mm[2] < 55

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from layerfix.commands.fix import min_feature_of, open_stack, usual_mode
 from layerfix.files import check_input
-from layerfix.layers.verdict import judge
+from layerfix.layers.verdict import judge, narrowest_place
 from layerfix.units import counted, format_mm
 
 if TYPE_CHECKING:
@@ -38,6 +38,10 @@ class Verdict:
     lost_mm3: float
     thinnest_mm: float | None
     thinnest_z_mm: float | None
+    thinnest_at: Place | None
+    thinnest_gap_mm: float | None
+    thinnest_gap_z_mm: float | None
+    thinnest_gap_at: Place | None
     merged: int
     closed: int
     islands: tuple[Place, ...]
@@ -68,6 +72,14 @@ def check(
         progress(len(layers), len(stack))
     thin = [one for one in layers if one.thinnest_mm is not None]
     narrow = min(thin, key=lambda one: one.thinnest_mm or 0.0, default=None)
+    gaps = [one for one in layers if one.thinnest_gap_mm is not None]
+    gap = min(gaps, key=lambda one: one.thinnest_gap_mm or 0.0, default=None)
+
+    def place(of: LayerVerdict | None, of_void: bool) -> Place | None:
+        if of is None:
+            return None
+        return narrowest_place(stack, layers.index(of), min_feature_mm=min_feature_mm, of_void=of_void, spurs=spurs)
+
     topology = sorted((change for one in layers for change in one.topology), key=lambda change: -change.area_mm2)
     lost = sorted((place for one in layers for place in one.lost), key=lambda place: -place.area_mm2)
     return Verdict(
@@ -85,6 +97,10 @@ def check(
         lost_mm3=sum(one.lost_mm2 * (one.z_mm[1] - one.z_mm[0]) for one in layers),
         thinnest_mm=narrow.thinnest_mm if narrow else None,
         thinnest_z_mm=narrow.z_mm[0] if narrow else None,
+        thinnest_at=place(narrow, False),
+        thinnest_gap_mm=gap.thinnest_gap_mm if gap else None,
+        thinnest_gap_z_mm=gap.z_mm[0] if gap else None,
+        thinnest_gap_at=place(gap, True),
         merged=sum(change.count for change in topology if change.kind == "merged"),
         closed=sum(change.kind == "closed" for change in topology),
         islands=tuple(place for one in layers for place in one.islands),
@@ -114,12 +130,14 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
             )
         )
         rows.append(("lost", f"{v.lost_mm3:.4g} mm³; {counted(v.parts_lost, 'part')} of layers as a whole"))
-    if v.thinnest_mm is not None:
-        precision = format_mm(max(v.pixel_mm) / 2)
-        rows.append(
-            ("thinnest", f"{format_mm(round(v.thinnest_mm, 4))} (± {precision}) at z = {v.thinnest_z_mm:.3f} mm")
-        )
-    rows += [("", _where(place)) for place in v.lost[:3]]
+    precision = format_mm(max(v.pixel_mm) / 2)
+    for name, width, at in (
+        ("thinnest", v.thinnest_mm, v.thinnest_at),
+        ("thinnest gap", v.thinnest_gap_mm, v.thinnest_gap_at),
+    ):
+        if width is not None and at is not None:
+            rows.append((name, f"{format_mm(round(width, 4))} (± {precision}) in {_box(at)}"))
+    rows += [("lost at", _where(place)) for place in v.lost[:3]]
     if v.hairline_layers:
         rows.append(("hairlines", f"thinner than a pixel in {counted(v.hairline_layers, 'layer')}"))
     if v.sheets_lost:
@@ -146,5 +164,9 @@ def markdown_of(v: Verdict) -> str:
 
 
 def _where(place: Place) -> str:
+    return f"{_box(place)} ({place.area_mm2:.3g} mm²)"
+
+
+def _box(place: Place) -> str:
     left, bottom, right, top = (f"{value:.2f}" for value in place.box_mm)
-    return f"x {left} to {right}, y {bottom} to {top}, z = {place.z_mm[0]:.3f} mm ({place.area_mm2:.3g} mm²)"
+    return f"x {left} to {right}, y {bottom} to {top}, z = {place.z_mm[0]:.3f} mm"

@@ -22,6 +22,7 @@ from layerfix.layers.components import (
 )
 from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, find_paths, open_columns
 from layerfix.layers.feature import Feature, feature_of_mm
+from layerfix.layers.gaps import one_by_one
 from layerfix.layers.skeleton import Spurs, check_spurs, scratch_images, skeleton_columns
 from layerfix.layers.thickness import narrowest
 from layerfix.layers.topology import TopologyChange, box_of, changes_of
@@ -58,6 +59,7 @@ class LayerVerdict:
     lost            parts of which nothing would be printed
     lost_mm2        area of S that S ∘ F misses where something is too thin (not at corners, which the tool rounds)
     thinnest_mm     width at the narrowest of them, None if there is none
+    thinnest_gap_mm the same of the void: gaps, slots, holes and channels narrower than F
     topology        what would merge and close if it were corrected
     islands         parts with nothing below, not even beside a pixel; none in the first layer
     alone           parts with nothing below and nothing above: specks; in a single layer none
@@ -79,6 +81,7 @@ class LayerVerdict:
     sheet_px: int = 0
     sheets_lost: int = 0
     features_left: int = 0
+    thinnest_gap_mm: float | None = None
 
 
 @njit(types.Tuple((RUNS, FLAGS, types.int64, types.int64))(WORK, WORK, WORK, WORK), cache=True, nogil=True)
@@ -114,6 +117,7 @@ class _Judge:
         outer = box_with_reach(layer.rows, *feature.reach_px)
         if outer[1] == 0:
             return layer.rows, LayerVerdict(layer.z_mm, 0)
+        gap_mm = min((width for _, width in self.narrow(layer.rows, True, each=False)), default=None)
         images = self.room.columns(outer, 6 + scratch_images(self.spurs))
         solid, opened, drawn, paths = images[:4]
         fill_columns(layer.rows, outer, solid)
@@ -129,6 +133,7 @@ class _Judge:
             hairline_px=layer.hairline_px,
             sheet_px=layer.sheet_px,
             sheets_lost=layer.sheets_lost,
+            thinnest_gap_mm=gap_mm,
         )
         if not any_path:
             return layer.rows, verdict
@@ -139,6 +144,25 @@ class _Judge:
         solid[:] = drawn
         left = label_runs(paths, False)[2] if self._find(images) else 0
         return layer.rows, replace(verdict, thinnest_mm=thinnest_mm, topology=topology, features_left=left)
+
+    def narrow(self, rows: Rows, of_void: bool, *, each: bool) -> list[tuple[NDArray[np.int64], float]]:
+        """(box, width in mm) of the stretches of a layer, or of its void, that are narrower than F: of each, or of
+        all of them together.
+        """
+        outer = box_with_reach(rows, *(3 * reach + 3 for reach in self.feature.reach_px))
+        images = self.room.columns(outer, 6 + scratch_images(self.spurs))
+        solid, paths = images[0], images[3]
+        fill_columns(rows, outer, solid)
+        if of_void:  # what is outside the box is void, too, but far away: its border stays empty, as kernels need it
+            np.bitwise_not(solid[1:-1, 1:-1], out=solid[1:-1, 1:-1])
+        if not self._find(images):
+            return []
+        limit_mm = max(2 * r * p for r, p in zip(self.feature.radius_px, self.pixel_mm, strict=True))
+        found = (
+            [(part, only.copy()) for part, only in one_by_one(paths)] if each else [(np.zeros(5, np.int64), paths)]
+        )
+        corner = np.array([0, 64 * outer[2], outer[0], 64 * outer[2], outer[0]])
+        return [(part + corner, float(narrowest(solid, only, limit_mm, *self.pixel_mm))) for part, only in found]
 
     def _find(self, images: list[Columns]) -> bool:
         """Of S, the first of some images: S ∘ F, what F draws along the paths, the paths; whether there are any."""
@@ -166,6 +190,21 @@ class _Judge:
             )
             for row in table
         )
+
+
+def narrowest_place(
+    stack: LayerStack, index: int, *, min_feature_mm: float, of_void: bool, spurs: Spurs = "metric"
+) -> Place | None:
+    """Where a layer, or its void, is narrowest: the box of that stretch's middle line, with the line's length in
+    pixels as its area. None if nothing is narrower than F.
+    """
+    one = _Judge(feature_of_mm(min_feature_mm, stack.pixel_mm), spurs, False, stack.pixel_mm, stack.origin_mm)
+    layer = stack[index]
+    found = one.narrow(layer.rows, of_void, each=True) if layer.rows.any() else []
+    if not found:
+        return None
+    part, _ = min(found, key=lambda pair: pair[1])
+    return one.places(part[None], layer.z_mm)[0]
 
 
 def judge(
