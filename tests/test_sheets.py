@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from layerfix import slice_mesh
@@ -87,8 +87,10 @@ def plates(seed: int) -> Mesh:
 def test_as_columns_walked_one_by_one(seed, fill, first_layer_mm):
     """Every pixel of every layer, with and without; a few of the millions lie within a snap of an edge."""
     mesh = plates(seed)
+    assume(mesh.size_mm[2] > LEAST * (first_layer_mm or 0.12) + 1e-6)
     how = {"pixel_mm": 0.06, "layer_mm": 0.12, "first_layer_mm": first_layer_mm, "fill": fill, "margin_mm": 0.1}
     found = slice_mesh(mesh, **how, hairlines=False)
+    assume(mesh.size_mm[2] > (first_layer_mm or 0.12) / 2 + 1e-6)  # or the plain cut has no layer
     plain = slice_mesh(mesh, **how, hairlines=False, z_sampling="middle")
     met, whole = expected(mesh, found, fill)
     differs = (np.asarray(plain) != met).sum(), (np.asarray(found) != whole).sum()
@@ -163,3 +165,12 @@ def test_the_command_tells_and_the_api_refuses(tmp_path):
     assert "thinner than a layer" not in run.out
     with pytest.raises(InputError, match="z_sampling='top' is not known; choose from rescue, middle"):
         slice_mesh(block_and_sheet(1, 2), pixel_mm=0.1, layer_mm=0.2, z_sampling="top")
+
+
+def test_a_part_of_less_than_half_a_layer_is_one_layer():
+    """A quarter of it at least; under that it is refused."""
+    stack = slice_mesh(box([0, 0, 0], [2, 1, 0.08]), pixel_mm=0.1, layer_mm=0.2)
+    assert [layer.count_px() for layer in stack] == [200]
+    for height, how in ((0.04, {}), (0.08, {"z_sampling": "middle"})):
+        with pytest.raises(InputError, match=r"the part is .* tall, under (a quarter of|half) the first layer"):
+            slice_mesh(box([0, 0, 0], [2, 1, height]), pixel_mm=0.1, layer_mm=0.2, **how)

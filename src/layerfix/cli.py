@@ -106,6 +106,11 @@ JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary a
         help="What is thinner than a layer and met by no mid-plane: drawn one layer thick, or left out."
         " [default: rescue]",
     ),
+    cloup.option(
+        "--antialias/--no-antialias",
+        default=None,
+        help="Greys in images and jobs: how much of a pixel is covered. [default: as the printer's panel]",
+    ),
 )
 @cloup.option_group(
     "Images or a job as IN",

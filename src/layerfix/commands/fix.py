@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from layerfix.commands.options import Options, flag, refuse_given
-from layerfix.draw.before_after import before_after
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
 from layerfix.formats import (
@@ -17,6 +16,7 @@ from layerfix.formats import (
     check_options,
     find_format,
     find_writer,
+    holds_greys,
     options_for_layers,
     read,
     read_mesh,
@@ -86,7 +86,7 @@ def fix(
     check_before(target, options.printer)
     check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
-    stack, turned = _opened(source, options)
+    stack, turned = _opened(source, _antialiased(source, target, options))
     check_options(target, options.output, find_writer(target, stack).takes, flag)
     min_feature_mm = min_feature_of(options)
     mode = options.correction.mode or usual_mode(options.printer, stack)
@@ -126,6 +126,19 @@ def fix(
         with already_written(target):
             draw_layer(stack, fixed, summary.most_changed_layer, run.picture, force=run.force)
     return summary
+
+
+def _antialiased(source: Path, target: Path, options: Options) -> Options:
+    """Of a mesh that becomes images or a job, greys if the printer shows them, unless the user says otherwise."""
+    slicing, printer = options.slicing, options.printer
+    if find_format(source)[0].mesh is None:
+        return options
+    takes = holds_greys(target) and options.output.get("bits") in (None, 8, "8")
+    if slicing.antialias and not takes:
+        raise InputError(f"--antialias goes with images of 8 bits and jobs; {target} holds no greys")
+    if slicing.antialias is None and takes and printer is not None and (printer.antialias_bits or 1) > 1:
+        return replace(options, slicing=replace(slicing, antialias=True))
+    return options
 
 
 def open_stack(source: Path, options: Options) -> LayerStack:
@@ -184,7 +197,8 @@ def open_part(source: Path, options: Options) -> Part:
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
     stack = slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
                        margin_mm=min_feature_mm, fill=slicing.fill or "nonzero",
-                       z_sampling=slicing.z_sampling or "rescue", frame_px=panel)  # fmt: skip
+                       z_sampling=slicing.z_sampling or "rescue", antialias=bool(slicing.antialias),
+                       frame_px=panel)  # fmt: skip
     return Part(mesh, told_of_ends(stack, mesh), turned)
 
 
@@ -203,6 +217,8 @@ def _keep_out(stack: LayerStack, turned: bool, options: Options) -> LayerStack |
 
 def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:
     """Write the before/after picture of one layer."""
+    from layerfix.draw.before_after import before_after
+
     bottom, top = fixed[index].z_mm
     picture = before_after(stack[index], fixed[index], stack.pixel_mm, title=f", z = {(bottom + top) / 2:.2f} mm")
     with whole_file(path, force=force) as file:

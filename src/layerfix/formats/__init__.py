@@ -139,6 +139,12 @@ def write(
     found.write(path, found.value, options)
 
 
+def holds_greys(path: Path) -> bool:
+    """Whether layers are written to a path of that name with their greys."""
+    suffix = path.suffix.lower()
+    return any(suffix in row.suffixes and "layers" in row.writers and row.greys for row in rows())
+
+
 def find_writer(path: Path, value: object) -> Found:
     """What writes `value` to `path`. Raises OutputError if nothing does, saying what to pass, or where else to."""
     if path.name == "-":

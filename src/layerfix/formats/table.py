@@ -68,6 +68,7 @@ class Format:
     rewritten   a job that is corrected in place
     by_name     a file of no known content that is called so is given to this reader, which says what is wrong
     generic     recognises what may be something more special, too; it is asked last
+    greys       layers are written with the greys that they carry
     """
 
     name: str
@@ -80,6 +81,7 @@ class Format:
     rewritten: bool = False
     by_name: bool = False
     generic: bool = False
+    greys: bool = False
 
 
 # Values that can be written, by the name of their class.
@@ -152,9 +154,9 @@ _GCODE = Writer(f"{_VECTOR}.gcode:write", GcodeOptions, _PATHS, f"{_VECTOR}.gcod
 
 FORMATS = (
     Format("folders of PNG images", ("",), is_folder, f"{_IMAGES}:read_folder",
-           writers={"layers": Writer(f"{_IMAGES}:write_folder", PngOptions)}),
+           writers={"layers": Writer(f"{_IMAGES}:write_folder", PngOptions)}, greys=True),
     Format("GOO jobs (Elegoo)", (".goo",), starts(b"\x07\x00\x00\x00DLP\x00", at=4), f"{_JOBS}.goo:read",
-           writers={"layers": Writer(f"{_JOBS}.goo:write", kernels=(f"{_JOBS}.runs",))}, rewritten=True),
+           writers={"layers": Writer(f"{_JOBS}.goo:write", kernels=(f"{_JOBS}.runs",))}, rewritten=True, greys=True),
     Format("Photon and CBDDLP jobs", (".photon", ".cbddlp"), starts(b"\x19\x00\xfd\x12"), f"{_JOBS}.chitu:read",
            rewritten=True),
     Format("CTB jobs", (".ctb",), starts(b"\x86\x00\xfd\x12", b"\x06\x01\xfd\x12"), f"{_JOBS}.chitu:read",
@@ -163,7 +165,7 @@ FORMATS = (
     Format("Anycubic's own jobs", (".pwsz",), lambda probe: starts(b"ANYCUBIC")(probe) or probe.suffix == ".pwsz",
            refusal=f"one of Anycubic's own formats, {UVTOOLS}"),
     Format("SL1, SL1S and M1 jobs (Prusa)", (".sl1", ".sl1s", ".m1"), _is_sl1, f"{_JOBS}.sl1:read",
-           writers={"layers": Writer(f"{_JOBS}.sl1:write")}, rewritten=True, by_name=True),
+           writers={"layers": Writer(f"{_JOBS}.sl1:write")}, rewritten=True, by_name=True, greys=True),
     Format("NanoDLP plates", (".nanodlp",), _is_nanodlp, f"{_JOBS}.nanodlp:read", rewritten=True,
            by_name=True),
     Format("Chitubox zips (run.gcode)", (".zip",), is_zip_with("run.gcode"), f"{_JOBS}.chitubox_zip:read",
@@ -174,10 +176,10 @@ FORMATS = (
                     "mesh": Writer(f"{_MODEL}:write_mesh_3mf"),
                     "widths": Writer(f"{_WIDTHS}:write_width_3mf", WidthModelOptions)}, by_name=True),
     Format("zips of PNG images", (".zip",), _is_images, f"{_IMAGES}:read_zip",
-           writers={"layers": Writer(f"{_IMAGES}:write_zip", PngOptions)}, by_name=True, generic=True),
+           writers={"layers": Writer(f"{_IMAGES}:write_zip", PngOptions)}, by_name=True, generic=True, greys=True),
     Format("PNG images", (".png",), starts(b"\x89PNG\r\n\x1a\n"), f"{_IMAGES}:read_image",
            writers={"layers": Writer(f"{_IMAGES}:write_image", PngOptions),
-                    "widths": Writer(f"{_WIDTHS}:draw_width_plan")}),
+                    "widths": Writer(f"{_WIDTHS}:draw_width_plan")}, greys=True),
     Format("G-code", (".gcode",), has_suffix(".gcode"),
            refusal="G-code is not corrected, only drawn: `layerfix draw {path} layer.png`",
            writers={"layers": _GCODE}),

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 TILE = 16  # px
 SLAB = 16  # intervals whose facets are looked through at once; at most 62, the bits of a mask
 Z_BITS = 30
+LEAST = 0.25  # of a layer: what is kept
 CRUMB = 4  # px
 FOIL = 1e-3  # of a layer: what is lower is nothing
 POINTS = types.Array(types.float64, 2, "C", readonly=True)
@@ -405,7 +406,7 @@ class Sheets:
     bounds: NDArray[np.float64]
     size_px: tuple[int, int]
     rule: int
-    least: float = 0.25
+    least: float = LEAST
     _edges: NDArray[np.float64] = field(init=False)  # of the intervals between mid-planes, q below layer q
     _keys: Callable[[int], NDArray[np.int64]] = field(init=False)  # of an interval
 

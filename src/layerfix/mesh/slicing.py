@@ -13,7 +13,7 @@ closed rows.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -22,11 +22,12 @@ from numba import types
 from layerfix.bits import words_for
 from layerfix.errors import InputError
 from layerfix.kernels import njit
+from layerfix.layers.grey_source import GreySource
 from layerfix.mesh.closing import close_gaps, edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
 from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE, SEGMENTS, below
 from layerfix.mesh.fill import fill as fill_pixels
-from layerfix.mesh.sheets import Sheets
+from layerfix.mesh.sheets import LEAST, Sheets
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import Gaps, Layer, LayerStack, layer_bounds_mm, pitch_mm
 from layerfix.units import format_mm
@@ -41,6 +42,7 @@ FILLS: dict[Fill, int] = {"even_odd": EVEN_ODD, "nonzero": NONZERO, "positive": 
 SNAP_PER_PX = 1024
 SLAB_LAYERS = 16  # layers that share one list of triangles: 4 % of the memory of a list per layer
 MAX_FRAME_PX = 2**31
+THRESHOLD, GREY_FLOOR = 128, 32  # of greys, as jobs are read
 CHUNK = 1 << 20  # vertices that are put on the grid at once: 24 MB
 
 POINTS = types.Array(types.float64, 2, "C", readonly=True)
@@ -166,6 +168,7 @@ def slice_mesh(
     fill: Fill = "nonzero",
     hairlines: bool = True,
     z_sampling: ZSampling = "rescue",
+    antialias: bool = False,
     frame_px: tuple[int, int] | None = None,
 ) -> LayerStack:
     """Cut a mesh into binary layers at their mid-planes. The part's lowest point becomes z = 0.
@@ -182,6 +185,8 @@ def slice_mesh(
     z_sampling      "rescue": what lies between two mid-planes and is met by none goes into the layer that holds most
                     of it, if it is a quarter of that layer high (`layerfix.mesh.sheets`; not in open meshes);
                     "middle": only what a mid-plane meets
+    antialias       layers carry greys, too, for images and jobs: how much of each pixel the cross-section covers.
+                    Solid is what is covered by half, and the crest of thin strokes (`layerfix.layers.greys`)
     frame_px        (width, height) of a printer's panel, the part in its middle, instead of part + margin
     returns         a stack that cuts each layer when asked for it. Gaps of an open mesh are closed nearest
                     ends first; each layer says how many and how far (`Layer.gaps`). Its notes are the mesh's. Layers
@@ -198,9 +203,9 @@ def slice_mesh(
         mesh = Mesh(mesh.vertices, mesh.faces)  # a trimesh.Trimesh, say
     pitch = pitch_mm(pixel_mm)
     width, height, origin = _frame(mesh, pitch, margin_mm, frame_px)
-    z_mm = _layers(mesh, layer_mm, first_layer_mm)
+    z_mm = _layers(mesh, layer_mm, first_layer_mm, z_sampling)
     grid = _Grid(pitch, origin, (height, words_for(width)), width, float(mesh.bounds_mm[0, 2]), z_mm)
-    make = _sliced(mesh, grid, FILLS[fill], hairlines, z_sampling)
+    make = _sliced(mesh, grid, FILLS[fill], hairlines, z_sampling, antialias)
     return LayerStack(width, height, pitch, z_mm, make, origin, notes=mesh.notes)
 
 
@@ -220,7 +225,7 @@ def slice_like(mesh: Mesh, stack: LayerStack, *, fill: Fill = "nonzero") -> Laye
     lowest_mm = make.grid.lowest_mm if isinstance(make, _Sliced) else 0.0
     shape = stack.height, words_for(stack.width)
     grid = _Grid(stack.pixel_mm, stack.origin_mm, shape, stack.width, lowest_mm, stack.z_mm)
-    make = _sliced(mesh, grid, FILLS[fill], False, "middle")
+    make = _sliced(mesh, grid, FILLS[fill], False, "middle", False)
     return LayerStack(stack.width, stack.height, stack.pixel_mm, stack.z_mm, make, stack.origin_mm, notes=mesh.notes)
 
 
@@ -231,6 +236,7 @@ class _Sliced:
     how: tuple[Any, ...]  # what `_sliced` takes
     pieces: list[_Piece]
     grid: _Grid
+    antialias: bool
 
     def __call__(self, index: int) -> Layer:
         found = _united(self.pieces, self.grid, index)
@@ -238,16 +244,52 @@ class _Sliced:
         rows = np.zeros(self.grid.shape, np.uint64) if found.rows is None else found.rows
         gaps = found.gaps
         whole = Gaps(sum(gap.count for gap in gaps), max(gap.longest_mm for gap in gaps)) if gaps else None
-        return Layer(rows, self.grid.width, (bottom, top), None, whole, None, found.hairline_px, found.sheet_px,
-                     found.sheets_lost)  # fmt: skip
+        source = self._greys(index, rows, found) if self.antialias and rows.any() else None
+        return Layer(rows if source is None else source.seen, self.grid.width, (bottom, top), None, whole, source,
+                     found.hairline_px, found.sheet_px, found.sheets_lost)  # fmt: skip
+
+    def _greys(self, index: int, rows: NDArray[np.uint64], found: _Found) -> GreySource:
+        """The layer's greys. What is thinner than a pixel or a layer stays as it is in `rows`."""
+        from layerfix.layers.greys import solid_rows
+
+        grey = _covered(self.pieces, self.grid, index)
+        seen, _ = solid_rows(grey, THRESHOLD, GREY_FLOOR)
+        if found.hairline_px or found.sheet_px:
+            plain = [replace(piece, hairlines=False, sheets=None) for piece in self.pieces]
+            whole = _united(plain, self.grid, index).rows
+            seen |= rows if whole is None else rows & ~whole
+        return GreySource(seen, grey, None, THRESHOLD, "")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _sliced, self.how
 
 
-def _sliced(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool, z_sampling: ZSampling) -> _Sliced:
+def _sliced(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool, z_sampling: ZSampling, antialias: bool) -> _Sliced:
     pieces = _pieces(mesh, grid, rule, hairlines, z_sampling)
-    return _Sliced((mesh, grid, rule, hairlines, z_sampling), pieces, grid)
+    return _Sliced((mesh, grid, rule, hairlines, z_sampling, antialias), pieces, grid, antialias)
+
+
+def _covered(pieces: list[_Piece], grid: _Grid, index: int) -> NDArray[np.uint8]:
+    """(H, W) uint8: the greys of one layer of all pieces together."""
+    from layerfix.mesh.coverage import coverage
+
+    height, width = grid.shape[0], grid.width
+
+    def of(cutter: _Cutter, rule: int) -> NDArray[np.uint8]:
+        segments = cutter.segments(index)
+        if not cutter.closed and len(segments):
+            segments, _ = close_gaps(segments, grid.pitch)
+        covered: NDArray[np.uint8] = coverage(segments, width, height, rule)
+        return covered
+
+    out = np.zeros((height, width), np.uint8)
+    for piece in pieces:
+        grey = of(piece.cutter, piece.rule)
+        for cutter, inside in piece.clips:
+            clip = of(cutter, NONZERO)
+            np.minimum(grey, clip if inside else 255 - clip, out=grey)
+        np.maximum(out, grey, out=out)
+    return out
 
 
 def _pieces(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool, z_sampling: ZSampling) -> list[_Piece]:
@@ -372,16 +414,17 @@ def _floor(value_px: float) -> int:
     return math.floor(round(value_px * SNAP_PER_PX) / SNAP_PER_PX)
 
 
-def _layers(mesh: Mesh, layer_mm: float, first_layer_mm: float | None) -> NDArray[np.float64]:
-    """Bounds of the layers whose mid-plane is inside the part."""
+def _layers(mesh: Mesh, layer_mm: float, first_layer_mm: float | None, z_sampling: ZSampling) -> NDArray[np.float64]:
+    """Bounds of the layers whose mid-plane is inside the part; one at least."""
     layer_bounds_mm(1, layer_mm, first_layer_mm)  # checks both heights
     first = layer_mm if first_layer_mm is None else first_layer_mm
     x, y, z = mesh.size_mm
     if min(x, y, z) <= 0:
         raise InputError(f"{mesh.name}: the part is {x:.4g} × {y:.4g} × {z:.4g} mm; it has no thickness")
-    if z <= first / 2:
+    share, words = (LEAST, "a quarter of") if z_sampling == "rescue" else (0.5, "half")
+    if z <= first * share:
         raise InputError(
-            f"{mesh.name}: the part is {format_mm(z)} tall, under half the first layer of {format_mm(first)};"
+            f"{mesh.name}: the part is {format_mm(z)} tall, under {words} the first layer of {format_mm(first)};"
             " use a smaller layer height"
         )
     count = 1 + max(0, math.ceil(round((z - first) / layer_mm, 4) - 0.5))

@@ -19,8 +19,8 @@ from layerfix.bits import mirrored
 from layerfix.errors import InputError
 from layerfix.files import whole_file
 from layerfix.formats.encoding import encoded
-from layerfix.formats.kept_greys import GreySource, seen_from_above
 from layerfix.formats.png.decode import Decoded
+from layerfix.layers.grey_source import GreySource, seen_from_above
 from layerfix.stack import Layer, LayerStack, layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -125,7 +125,9 @@ def _source(container: Container, index: int, width: int) -> _Source:
     payload = container.payload(index)
     decoded = container.decode(index, payload)
     how = width, container.threshold, container.grey_floor, container.mirror
-    return _Source(*seen_from_above(decoded, *how), container.threshold, container.mirror, index, payload)
+    return _Source(
+        *seen_from_above(decoded.rows, decoded.grey, *how), container.threshold, container.mirror, index, payload
+    )
 
 
 def container_stack(container: Container, frame: Frame, repeats: NDArray[np.bool_] | None = None) -> LayerStack:

@@ -33,6 +33,7 @@ from layerfix.formats.jobs.container import (
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
 from layerfix.formats.png.decode import Decoded
+from layerfix.layers.grey_source import greys_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -162,8 +163,13 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     def encode(layer: Layer) -> tuple[bytes, Image, int]:
         from layerfix.formats.jobs import runs
 
-        rows = mirrored(layer.rows, width, mirror)
-        return bytes(runs.encode_runs(rows, width, True)), preview.reduce(layer), layer.count_px()
+        image = greys_of(layer, printer.antialias_bits or 8)
+        if image is not None:
+            image = image[:: -1 if "y" in mirror else 1, :: -1 if "x" in mirror else 1]
+            data = runs.encode_greys(np.ascontiguousarray(image), True)
+        else:
+            data = runs.encode_runs(mirrored(layer.rows, width, mirror), width, True)
+        return bytes(data), preview.reduce(layer), layer.count_px()
 
     with whole_file(path, force=options.force) as file:
         file.write(bytes(HEADER_BYTES))

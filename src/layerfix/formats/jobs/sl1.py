@@ -22,8 +22,9 @@ from layerfix.formats.encoding import checked_printer, encoded
 from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
-from layerfix.formats.png.encode import encode_png
+from layerfix.formats.png.encode import encode_grey_png, encode_png
 from layerfix.formats.text_values import LARGEST_NUMBER, abridged
+from layerfix.layers.grey_source import greys_of
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -135,7 +136,12 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     volume_mm3 = 0.0
 
     def encode(layer: Layer) -> tuple[bytes, Image, int]:
-        return encode_png(mirrored(layer.rows, width, mirror), width), preview.reduce(layer), layer.count_px()
+        image = greys_of(layer, printer.antialias_bits or 8)
+        if image is not None:
+            data = encode_grey_png(image[:: -1 if "y" in mirror else 1, :: -1 if "x" in mirror else 1])
+        else:
+            data = encode_png(mirrored(layer.rows, width, mirror), width)
+        return data, preview.reduce(layer), layer.count_px()
 
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
     with whole_file(path, force=options.force) as file, zipfile.ZipFile(file, "w") as archive:

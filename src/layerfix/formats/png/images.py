@@ -21,10 +21,10 @@ from layerfix.errors import InputError, OutputError
 from layerfix.files import A_LONG_TIME_AGO, check_input, reading, whole_file, whole_folder
 from layerfix.formats.encoding import encoded
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
-from layerfix.formats.kept_greys import GreySource, seen_from_above
 from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.encode import SIGNATURE, encode_grey_png, encode_png
 from layerfix.formats.text_values import LARGEST_NUMBER, abridged, parse_json
+from layerfix.layers.grey_source import GreySource, greys_of, seen_from_above
 from layerfix.stack import Layer, LayerStack, layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
         name = source.names[index]
         where = f"{source.where}/{name}"
         decoded = decode_png(source.load(name, heads[index].most_bytes), where, size, threshold=hints.threshold)
-        kept = GreySource(*seen_from_above(decoded, *how), hints.threshold, "")
+        kept = GreySource(*seen_from_above(decoded.rows, decoded.grey, *how), hints.threshold, "")
         bottom, top = z_mm[index].tolist()
         return Layer(kept.seen, first.width, (bottom, top), source=kept, dimmed_px=kept.dimmed_px)
 
@@ -224,12 +224,9 @@ def _encoder(stack: LayerStack, bits: int) -> Callable[[Layer], bytes]:
     def encode(layer: Layer) -> bytes:
         notes = {"pixel_mm": stack.pixel_mm, "origin_mm": stack.origin_mm, "z_mm": layer.z_mm}
         text = {TEXT_KEY: json.dumps(notes)}
-        kept = layer.source
-        if bits == 8 and isinstance(kept, GreySource) and kept.grey is not None:
-            image = kept.corrected(layer)
-            if image is not None:
-                from_above = image[:: -1 if "y" in kept.mirror else 1, :: -1 if "x" in kept.mirror else 1]
-                return encode_grey_png(from_above, pixel_mm=stack.pixel_mm, text=text)
+        image = greys_of(layer, bits)
+        if image is not None:
+            return encode_grey_png(image, pixel_mm=stack.pixel_mm, text=text)
         return encode_png(layer.rows, layer.width, bits=bits, pixel_mm=stack.pixel_mm, text=text)
 
     return encode

@@ -1,4 +1,4 @@
-"""The greys that a layer was decoded from, kept for a writer of greys."""
+"""The greys that a layer comes from, kept for a writer of greys."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
-    from layerfix.formats.png.decode import Decoded
     from layerfix.stack import Layer
 
 
 @dataclass(frozen=True, eq=False)
 class GreySource:
-    """What of a decoded layer was solid, from above, and its greys.
+    """What of a layer of greys was solid, from above, and the greys.
 
     seen       packed rows, from above
     grey       (H, W) uint8 as the file has it, mirrored along the axes in `mirror`; None if it has no greys
@@ -55,14 +54,35 @@ class GreySource:
         return corrected_greys(self.grey, before, after, drawn, radius_px, self.threshold,
                                offset_px=offset_px, dimmed=self.dimmed)  # fmt: skip
 
+    def from_above(self, layer: Layer, bits: int = 8) -> NDArray[np.uint8] | None:
+        """The same from above, in so many bits; None if there are no greys."""
+        image = self.corrected(layer)
+        if image is None:
+            return None
+        image = image[:: -1 if "y" in self.mirror else 1, :: -1 if "x" in self.mirror else 1]
+        if bits < 8:
+            most = (1 << bits) - 1
+            levels = np.round(np.round(np.arange(256) * most / 255) * 255 / most).astype(np.uint8)
+            image = levels[image]
+        return np.ascontiguousarray(image)
+
+
+def greys_of(layer: Layer, bits: int = 8) -> NDArray[np.uint8] | None:
+    """A layer's greys from above, (H, W) uint8 in so many bits, if it comes from any; None if not, or for one bit."""
+    if bits < 2 or not isinstance(layer.source, GreySource):
+        return None
+    return layer.source.from_above(layer, bits)
+
 
 def seen_from_above(
-    decoded: Decoded, width: int, threshold: int, grey_floor: int, mirror: str
+    rows: Rows, grey: NDArray[np.uint8] | None, width: int, threshold: int, grey_floor: int, mirror: str
 ) -> tuple[Rows, NDArray[np.uint8] | None, Rows | None]:
-    """(what is solid, from above; the greys and what of them is dimmed, as the file has them)."""
-    rows, dimmed = decoded.rows, None
-    if decoded.grey is not None:
+    """(what is solid, from above; the greys and what of them is dimmed, as they are). rows: what is solid without
+    greys; they may be written to.
+    """
+    dimmed = None
+    if grey is not None:
         from layerfix.layers.greys import solid_rows
 
-        rows, dimmed = solid_rows(decoded.grey, threshold, grey_floor)
-    return mirrored(rows, width, mirror, out=rows), decoded.grey, dimmed
+        rows, dimmed = solid_rows(grey, threshold, grey_floor)
+    return mirrored(rows, width, mirror, out=rows), grey, dimmed
