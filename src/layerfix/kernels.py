@@ -28,7 +28,7 @@ from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from layerfix import kernel_cache
+from layerfix import kernel_cache, kernels_ahead
 
 PACKAGE = __name__.partition(".")[0]
 
@@ -133,6 +133,7 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         parts = self.stored()
         if parts is None:
+            kernels_ahead.begin()
             return None
         rtsys.initialize(target_context)  # what `target_context.refresh()` would do at the end of everything else
         return CompileResult._rebuild(target_context, *parts)

@@ -131,12 +131,13 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
         )
         rows.append(("lost", f"{v.lost_mm3:.4g} mm³; {counted(v.parts_lost, 'part')} of layers as a whole"))
     precision = format_mm(max(v.pixel_mm) / 2)
-    for name, width, at in (
-        ("thinnest", v.thinnest_mm, v.thinnest_at),
-        ("thinnest gap", v.thinnest_gap_mm, v.thinnest_gap_at),
+    for name, width, z_mm, at in (
+        ("thinnest", v.thinnest_mm, v.thinnest_z_mm, v.thinnest_at),
+        ("thinnest gap", v.thinnest_gap_mm, v.thinnest_gap_z_mm, v.thinnest_gap_at),
     ):
-        if width is not None and at is not None:
-            rows.append((name, f"{format_mm(round(width, 4))} (± {precision}) in {_box(at)}"))
+        if width is not None:
+            where = f"in {_box(at)}" if at is not None else f"at z = {z_mm:.3f} mm"
+            rows.append((name, f"{format_mm(round(width, 4))} (± {precision}) {where}"))
     rows += [("lost at", _where(place)) for place in v.lost[:3]]
     if v.hairline_layers:
         rows.append(("hairlines", f"thinner than a pixel in {counted(v.hairline_layers, 'layer')}"))

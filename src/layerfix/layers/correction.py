@@ -18,7 +18,14 @@ from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import Room, fill_columns, to_rows
 from layerfix.layers.components import smaller_than
-from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, find_paths, open_columns
+from layerfix.layers.drawing import (
+    anchor_columns,
+    box_with_reach,
+    draw_paths,
+    find_paths,
+    missing_places,
+    open_columns,
+)
 from layerfix.layers.feature import Feature, Radius, feature_of_mm
 from layerfix.layers.gaps import GROWS, Conflict, Grow, centres_apart, grow_apart, one_by_one, void_parts
 from layerfix.layers.heights import with_min_layers
@@ -89,6 +96,7 @@ def _corrected(
     room: Room,
     free: _Free | None = None,
     pixel_mm: tuple[float, float] = (1.0, 1.0),
+    small: NDArray[np.int64] | None = None,
 ) -> _Corrected | None:
     """One layer; None if it is empty."""
     half_widths, block = feature.half_widths, feature.block
@@ -109,6 +117,13 @@ def _corrected(
         if free is not None and shifts:
             centres, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
         draw_paths(centres, printed, half_widths, *block, scratch[0])
+    dots = np.empty_like(solid) if small is not None else solid
+    if small is not None and missing_places(printed, small, outer[0], 64 * outer[2], dots):
+        if free is not None and shifts:
+            dots, more = _kept_out(solid, dots, outer, feature, free, pixel_mm)
+            conflicts += more
+        draw_paths(dots, printed, half_widths, *block, scratch[0])
+        paths, centres = paths | dots & solid, centres | dots
     if add_only:
         np.bitwise_or(printed, solid, out=printed)
     if free is not None and free.gap_px is not None:
@@ -248,8 +263,22 @@ class _Correction:
         specks = smaller_than(layer.rows, self.ignore_px) if self.ignore_px > 0 else None
         ignored_px = int(np.bitwise_count(specks).sum()) if specks is not None else 0
         wanted = layer.rows & ~specks if specks is not None and ignored_px else layer.rows
+        small = layer.small
+        if small is not None and specks is not None:
+            y, x = small.T.clip(0)
+            inside = (y < layer.height) & (x < layer.width)
+            y, x = np.where(inside, y, 0), np.where(inside, x, 0)
+            small = small[(specks[y, x >> 6] >> (x & 63).astype(np.uint64)) & np.uint64(1) == 0]
         found = _corrected(
-            wanted, layer.width, feature, self.spurs, self.add_only, self.room, self._free(layer), pixel_mm
+            wanted,
+            layer.width,
+            feature,
+            self.spurs,
+            self.add_only,
+            self.room,
+            self._free(layer),
+            pixel_mm,
+            small,
         )
         if found is None:
             return replace(

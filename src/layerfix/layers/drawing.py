@@ -3,7 +3,8 @@
 A = (S ⊖ F) ⊕ block, so that A ⊕ G = S ∘ F. Of an F by size, a pixel of a skeletal path M̂ \\ A is drawn only if F
 around it holds a pixel of S that S ∘ F misses: what the tool draws anyway is left as it is. (Slanted walls of half a
 pixel more than F, and slots a pixel wide between thick bodies that touch in corners, have paths and need none.)
-M̂ stays whole inside the result, which is S ∘ F ∪ ((drawn paths) ⊕ F).
+M̂ stays whole inside the result, which is S ∘ F ∪ ((drawn paths) ⊕ F). A small piece of a mesh's section that the
+raster joins with another, and whose middle would not be printed, gets an F of its own.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from layerfix.bits import ALL, ROWS, U0, U1, U63, WORK, lowest_bit
 from layerfix.kernels import njit
 from layerfix.layers.columns import BOX, bounding_box, with_border
 from layerfix.layers.morphology import HALF_WIDTHS, dilate_columns, erode_columns, spread
+
+PLACES = types.Array(types.int64, 2, "C")
 
 
 @njit(BOX(ROWS, types.int64, types.int64), cache=True, nogil=True)
@@ -127,6 +130,24 @@ def draw_paths(paths, target, half_widths, bx, by, scratch):  # type: ignore[no-
             for y in range(target.shape[1]):
                 target[w, y] |= paths[w, y]
         spread(paths, target, half_widths)
+
+
+@njit(types.int64(WORK, PLACES, types.int64, types.int64, WORK), cache=True, nogil=True)
+def missing_places(printed, places, top, left, out):  # type: ignore[no-untyped-def]
+    """out = those of some pixels (row, column of the frame; the columns begin at top, left) that are not printed.
+
+    Returns how many there are.
+    """
+    out[:] = U0
+    count = 0
+    for k in range(places.shape[0]):
+        y, x = places[k, 0] - top, places[k, 1] - left
+        if 0 < y < printed.shape[1] - 1 and 64 <= x < 64 * (printed.shape[0] - 1):
+            bit = U1 << np.uint64(x & 63)
+            if printed[x >> 6, y] & bit == U0 and out[x >> 6, y] & bit == U0:
+                out[x >> 6, y] |= bit
+                count += 1
+    return count
 
 
 @njit(types.void(WORK, HALF_WIDTHS, WORK, WORK), cache=True, nogil=True)

@@ -20,7 +20,14 @@ from layerfix.layers.components import (
     measured_parts,
     parts_apart,
 )
-from layerfix.layers.drawing import anchor_columns, box_with_reach, draw_paths, find_paths, open_columns
+from layerfix.layers.drawing import (
+    anchor_columns,
+    box_with_reach,
+    draw_paths,
+    find_paths,
+    missing_places,
+    open_columns,
+)
 from layerfix.layers.feature import Feature, feature_of_mm
 from layerfix.layers.gaps import one_by_one
 from layerfix.layers.skeleton import Spurs, check_spurs, scratch_images, skeleton_columns
@@ -124,6 +131,12 @@ class _Judge:
         any_path = self._find(images)
         parts, kept, features, lost_px = _lost(solid, opened, paths, drawn)
         corner_px, area_mm2 = (64 * outer[2], outer[0]), pixel_mm[0] * pixel_mm[1]
+        if layer.small is not None:  # separate pieces that the raster joins with others
+            np.bitwise_or(opened, drawn, out=images[4])
+            features += missing_places(images[4], layer.small, outer[0], 64 * outer[2], images[5])
+            any_path = any_path or bool(images[5].any())
+            paths |= images[5] & solid
+            draw_paths(images[5], drawn, feature.half_widths, *feature.block, images[4])
         verdict = LayerVerdict(
             layer.z_mm,
             len(parts),

@@ -27,6 +27,7 @@ from layerfix.mesh.closing import close_gaps, edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
 from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE, SEGMENTS, below
 from layerfix.mesh.fill import fill as fill_pixels
+from layerfix.mesh.pieces import small_pieces
 from layerfix.mesh.sheets import LEAST, Sheets
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import Gaps, Layer, LayerStack, layer_bounds_mm, pitch_mm
@@ -180,8 +181,8 @@ def slice_mesh(
     margin_mm       empty border around the part; correction can grow by half the minimum feature into it
     fill            "nonzero" (overlapping shells unite), "even_odd" (every second shell is a hole),
                     "positive" (only shells that face outwards are solid)
-    hairlines       what is thinner than a pixel becomes a line of pixels (`layerfix.mesh.fill`); False: only pixels
-                    whose centre is inside
+    hairlines       what is thinner than a pixel becomes a line of pixels (`layerfix.mesh.fill`), and small pieces are
+                    known to be separate (`Layer.small`); False: only pixels whose centre is inside
     z_sampling      "rescue": what lies between two mid-planes and is met by none goes into the layer that holds most
                     of it, if it is a quarter of that layer high (`layerfix.mesh.sheets`; not in open meshes);
                     "middle": only what a mid-plane meets
@@ -246,7 +247,7 @@ class _Sliced:
         whole = Gaps(sum(gap.count for gap in gaps), max(gap.longest_mm for gap in gaps)) if gaps else None
         source = self._greys(index, rows, found) if self.antialias and rows.any() else None
         return Layer(rows if source is None else source.seen, self.grid.width, (bottom, top), None, whole, source,
-                     found.hairline_px, found.sheet_px, found.sheets_lost)  # fmt: skip
+                     found.hairline_px, found.sheet_px, found.sheets_lost, small=found.small)  # fmt: skip
 
     def _greys(self, index: int, rows: NDArray[np.uint64], found: _Found) -> GreySource:
         """The layer's greys. What is thinner than a pixel or a layer stays as it is in `rows`."""
@@ -327,6 +328,12 @@ class _Found:
     hairline_px: int = 0
     sheet_px: int = 0
     sheets_lost: int = 0
+    middles: list[NDArray[np.int64]] = field(default_factory=list)
+
+    @property
+    def small(self) -> NDArray[np.int64] | None:
+        """Middles of small pieces, if there are any."""
+        return np.concatenate(self.middles) if self.middles else None
 
 
 def _united(pieces: list[_Piece], grid: _Grid, index: int) -> _Found:
@@ -365,6 +372,9 @@ def _filled(
             found.gaps.append(Gaps(len(lengths_mm), float(lengths_mm.max())))
     rows = np.zeros(grid.shape, np.uint64)
     found.hairline_px += fill_pixels(segments, grid.width, rule, hairlines, rows)
+    middles = small_pieces(segments) if hairlines else np.empty((0, 2), np.int64)
+    if len(middles):
+        found.middles.append(middles)
     return rows
 
 

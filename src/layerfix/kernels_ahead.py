@@ -1,0 +1,77 @@
+"""Kernels compiled ahead, by other processes: numba compiles one at a time, and a first run waits for forty of them.
+
+The first time a kernel has to be compiled, some processes begin with the kernels of all modules that are imported so
+far, from the other end, and leave them in the cache on disk. The run goes on as before: what it comes to last is
+there already, or not. Nothing depends on these processes; they end with the run that began them.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import subprocess
+import sys
+from contextlib import suppress
+
+from layerfix import kernel_cache
+
+MOST = 3  # processes
+_begun: list[subprocess.Popen[bytes]] = []
+_off = False
+
+
+def begin() -> None:
+    """Start compiling ahead, unless that has begun, or nothing could be kept, or there is only one processor."""
+    global _off
+    if _off:
+        return
+    _off = True
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    modules = [name for name in sys.modules if name.startswith("layerfix.") and name != __name__]
+    if cores < 2 or not sys.executable or getattr(sys, "frozen", False) or not _can_be_kept():
+        return
+    count = min(cores - 1, MOST)
+    atexit.register(_end)
+    for k in range(count):
+        command = [sys.executable, "-m", __name__, str(k), str(count), str(os.getpid()), *reversed(modules)]
+        with suppress(OSError):
+            _begun.append(
+                subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+                )
+            )
+
+
+def _can_be_kept() -> bool:
+    """Whether a folder for kernels can be written to."""
+    for place in kernel_cache.places():
+        with suppress(OSError):
+            place.mkdir(parents=True, exist_ok=True)
+            if os.access(place, os.W_OK):
+                return True
+    return False
+
+
+def _end() -> None:
+    for process in _begun:
+        with suppress(OSError):
+            process.kill()
+    for process in _begun:
+        process.wait()
+
+
+def _compile(first: int, step: int, parent: int, modules: list[str]) -> None:
+    """Every step-th kernel of the modules, as long as the process that asked for them is there."""
+    global _off
+    _off = True
+    from layerfix.kernels import kernels_of
+
+    for kernel in kernels_of(*modules)[first::step]:
+        if hasattr(os, "getppid") and sys.platform != "win32" and os.getppid() != parent:
+            return
+        kernel.ready()
+
+
+if __name__ == "__main__":
+    with suppress(KeyboardInterrupt):
+        _compile(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.argv[4:])

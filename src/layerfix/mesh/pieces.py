@@ -1,0 +1,83 @@
+"""Small pieces of a cross-section: closed outer contours no larger than a tool, and the pixel in the middle of each.
+
+Two pieces less than a pixel apart hang together in the raster, and a small one may then pass for a bump of its
+neighbour, which the method need not keep. Contours tell them apart.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types
+
+from layerfix.kernels import njit
+from layerfix.mesh.fill import SEGMENTS
+
+LARGEST_PX = 64  # of a small piece, along x and along y
+PLACES = types.Array(types.int64, 2, "C")
+NONE = -1
+
+
+@njit
+def _slot(x, y, mask):  # type: ignore[no-untyped-def]
+    """Where a point is looked for first in a table of mask + 1 places. Points of neighbouring segments are equal."""
+    value = np.int64(round(x * 1048576.0)) * np.int64(0x2545F491) ^ np.int64(round(y * 1048576.0)) * np.int64(
+        0x5851F42D
+    )
+    value ^= value >> np.int64(23)
+    value *= np.int64(0x2127599B)
+    value ^= value >> np.int64(19)
+    return value & mask
+
+
+@njit(PLACES(SEGMENTS), cache=True, nogil=True)
+def small_pieces(segments):  # type: ignore[no-untyped-def]
+    """(n, 2) row and column in the middle of each closed contour that has the solid inside and is small.
+
+    segments  (n, 4) x, y of start and end, solid on the left (of x right, y up; rows run down)
+    """
+    n = segments.shape[0]
+    size = 4
+    while size < 2 * n:
+        size *= 2
+    table = np.full(size, NONE, np.int64)
+    for s in range(n):
+        at = _slot(segments[s, 0], segments[s, 1], np.int64(size - 1))
+        while table[at] != NONE:
+            at = (at + 1) & (size - 1)
+        table[at] = s
+    used = np.zeros(n, np.bool_)
+    out, found = np.empty((16, 2), np.int64), 0
+    for first in range(n):
+        if used[first]:
+            continue
+        x0 = x1 = segments[first, 0]
+        y0 = y1 = segments[first, 1]
+        double_area, s, closed = 0.0, int(first), False
+        while s != NONE and not used[s]:
+            used[s] = True
+            ax, ay, bx, by = segments[s]
+            x0, x1, y0, y1 = min(x0, bx), max(x1, bx), min(y0, by), max(y1, by)
+            double_area += (ax - segments[first, 0]) * (by - segments[first, 1])
+            double_area -= (bx - segments[first, 0]) * (ay - segments[first, 1])
+            if bx == segments[first, 0] and by == segments[first, 1]:
+                closed = True
+                break
+            at = _slot(bx, by, np.int64(size - 1))
+            s = NONE
+            while table[at] != NONE:
+                other = table[at]
+                if not used[other] and segments[other, 0] == bx and segments[other, 1] == by:
+                    s = int(other)
+                    break
+                at = (at + 1) & (size - 1)
+        # Solid is on the left with y up: clockwise in columns and rows.
+        if closed and double_area < 0 and x1 - x0 <= LARGEST_PX and y1 - y0 <= LARGEST_PX:
+            if found == out.shape[0]:
+                longer = np.empty((2 * found, 2), np.int64)
+                longer[:found] = out
+                out = longer
+            out[found, 0], out[found, 1] = math.floor((y0 + y1) / 2 + 0.5), math.floor((x0 + x1) / 2 + 0.5)
+            found += 1
+    return out[:found].copy()
