@@ -16,6 +16,7 @@ from contextlib import suppress
 from layerfix import kernel_cache
 
 MOST = 3  # processes
+MARK = "LAYERFIX_COMPILES_AHEAD"
 _begun: list[subprocess.Popen[bytes]] = []
 _off = False
 
@@ -23,7 +24,7 @@ _off = False
 def begin() -> None:
     """Start compiling ahead, unless that has begun, or nothing could be kept, or there is only one processor."""
     global _off
-    if _off:
+    if _off or MARK in os.environ:  # one that compiles ahead begins no others
         return
     _off = True
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -37,7 +38,11 @@ def begin() -> None:
         with suppress(OSError):
             _begun.append(
                 subprocess.Popen(
-                    command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+                    command,
+                    env={**os.environ, MARK: "1"},
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
                 )
             )
 
@@ -62,8 +67,6 @@ def _end() -> None:
 
 def _compile(first: int, step: int, parent: int, modules: list[str]) -> None:
     """Every step-th kernel of the modules, as long as the process that asked for them is there."""
-    global _off
-    _off = True
     from layerfix.kernels import kernels_of
 
     for kernel in kernels_of(*modules)[first::step]:
