@@ -53,7 +53,7 @@ def test_nothing_begins_where_nothing_can_be_kept(tmp_path):
 
 def test_a_process_compiles_its_share_and_stops_without_its_parent(tmp_path):
     """It leaves kernels in the cache; for a parent that is gone none."""
-    command = [sys.executable, "-m", "layerfix.kernels_ahead", "0", "1"]
+    command = [sys.executable, "-c", kernels_ahead.PROGRAM, "0", "1"]
     for parent, some in ((os.getpid(), True), (1 << 22, False)):
         place = tmp_path / str(parent)
         env = environment(NUMBA_CACHE_DIR=str(place), **{kernels_ahead.MARK: "1"})

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import CodeType, ModuleType
 from typing import Any, ClassVar
 
@@ -185,6 +186,15 @@ def ready(*modules: str) -> None:
     """Load all kernels of these modules, compiling what was not compiled before: no later call will."""
     for kernel in kernels_of(*modules):
         kernel.ready()
+
+
+def ready_share(first: int, step: int, parent: int, *modules: str) -> None:
+    """Every step-th kernel of these modules from the first, as long as the parent process is there."""
+    with suppress(KeyboardInterrupt):
+        for kernel in kernels_of(*modules)[first::step]:
+            if sys.platform != "win32" and os.getppid() != parent:
+                return
+            kernel.ready()
 
 
 @contextmanager

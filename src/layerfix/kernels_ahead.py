@@ -16,6 +16,7 @@ from contextlib import suppress
 from layerfix import kernel_cache
 
 MOST = 3  # processes
+PROGRAM = "import sys; from layerfix.kernels import ready_share; ready_share(*map(int, sys.argv[1:4]), *sys.argv[4:])"
 MARK = "LAYERFIX_COMPILES_AHEAD"
 _begun: list[subprocess.Popen[bytes]] = []
 _off = False
@@ -34,7 +35,7 @@ def begin() -> None:
     count = min(cores - 1, MOST)
     atexit.register(_end)
     for k in range(count):
-        command = [sys.executable, "-m", __name__, str(k), str(count), str(os.getpid()), *reversed(modules)]
+        command = [sys.executable, "-c", PROGRAM, str(k), str(count), str(os.getpid()), *reversed(modules)]
         with suppress(OSError):
             _begun.append(
                 subprocess.Popen(
@@ -63,18 +64,3 @@ def _end() -> None:
             process.kill()
     for process in _begun:
         process.wait()
-
-
-def _compile(first: int, step: int, parent: int, modules: list[str]) -> None:
-    """Every step-th kernel of the modules, as long as the process that asked for them is there."""
-    from layerfix.kernels import kernels_of
-
-    for kernel in kernels_of(*modules)[first::step]:
-        if hasattr(os, "getppid") and sys.platform != "win32" and os.getppid() != parent:
-            return
-        kernel.ready()
-
-
-if __name__ == "__main__":
-    with suppress(KeyboardInterrupt):
-        _compile(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.argv[4:])
