@@ -174,3 +174,49 @@ def test_a_part_of_less_than_half_a_layer_is_one_layer():
     for height, how in ((0.04, {}), (0.08, {"z_sampling": "middle"})):
         with pytest.raises(InputError, match=r"the part is .* tall, under (a quarter of|half) the first layer"):
             slice_mesh(box([0, 0, 0], [2, 1, height]), pixel_mm=0.1, layer_mm=0.2, **how)
+
+
+def covered(mesh: Mesh, stack, fill: str, share: float) -> np.ndarray:
+    """(layers, H, W): what fills a share of a layer, and stretches that fill it of none where most of them is."""
+    bounds = stack.z_mm + mesh.bounds_mm[0, 2]
+    heights = np.diff(bounds, axis=1)[:, 0]
+    bounds[0, 0], bounds[-1, 1] = bounds[0, 0] - 1, bounds[-1, 1] + 1  # the ends take what lies beyond
+    out = np.zeros((len(stack), stack.height, stack.width), bool)
+    for j in range(stack.height):
+        for i in range(stack.width):
+            x = stack.origin_mm[0] + (i + 0.5) * stack.pixel_mm[0]
+            y = stack.origin_mm[1] - (j + 0.5) * stack.pixel_mm[1]
+            total = np.zeros(len(stack))
+            for low, high in stretches(mesh, x, y, RULES[fill]):
+                held = np.maximum(np.minimum(high, bounds[:, 1]) - np.maximum(low, bounds[:, 0]), 0)
+                total += held
+                k = int(held.argmax())
+                if not (held >= share * heights).any() and high - low >= LEAST * heights[k]:
+                    out[k, j, i] = True
+            out[:, j, i] |= total >= share * heights
+    return out
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from(sorted(RULES)), st.sampled_from([0.25, 0.5, 0.8]))
+def test_overlap_as_columns_say(seed, fill, share):
+    """Every pixel, but a few within a snap of an edge."""
+    mesh = plates(seed)
+    assume(mesh.size_mm[2] > 0.07)
+    stack = slice_mesh(mesh, pixel_mm=0.06, layer_mm=0.12, fill=fill, margin_mm=0.1, hairlines=False,
+                       z_sampling="overlap", min_overlap=share)  # fmt: skip
+    whole = covered(mesh, stack, fill, share)
+    differs = (np.asarray(stack) != whole).sum()
+    assert differs <= 0.004 * whole.sum() + 4, differs
+
+
+@pytest.mark.parametrize("degrees", [0, 5, 20])
+def test_a_tilted_sheet_is_whole_in_overlap_too(degrees):
+    """Half of a layer of 0.15 mm is more than the sheet of 0.05 mm; as much of it is there as with rescue."""
+    mesh = joined(box([-8, -8, -4], [-7, -7, 4]), turned(box([-4, -4, 0], [4, 4, 0.05]), "x", degrees))
+    volumes = [
+        slice_mesh(mesh, pixel_mm=0.1, layer_mm=0.15, z_sampling=how).volume_mm3() - 8
+        for how in ("rescue", "overlap")
+    ]
+    assert volumes[1] == pytest.approx(volumes[0], rel=0.1)
+    assert volumes[0] > 8 * 8 * 0.05

@@ -102,10 +102,11 @@ JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary a
     ),
     cloup.option(
         "--z-sampling",
-        type=cloup.Choice(["rescue", "middle"]),
-        help="What is thinner than a layer and met by no mid-plane: drawn one layer thick, or left out."
+        type=cloup.Choice(["rescue", "middle", "overlap"]),
+        help="rescue: mid-planes, and what they miss; middle: mid-planes alone; overlap: what fills half a layer."
         " [default: rescue]",
     ),
+    cloup.option("--min-overlap", type=Percent(), help="How much of a layer, for overlap. [default: 50%]"),
     cloup.option(
         "--antialias/--no-antialias",
         default=None,

@@ -197,7 +197,9 @@ def open_part(source: Path, options: Options) -> Part:
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
     stack = slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
                        margin_mm=min_feature_mm, fill=slicing.fill or "nonzero",
-                       z_sampling=slicing.z_sampling or "rescue", antialias=bool(slicing.antialias),
+                       z_sampling=slicing.z_sampling or "rescue",
+                       min_overlap=0.5 if slicing.min_overlap is None else slicing.min_overlap,
+                       antialias=bool(slicing.antialias),
                        frame_px=panel)  # fmt: skip
     return Part(mesh, told_of_ends(stack, mesh), turned)
 

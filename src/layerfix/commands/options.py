@@ -34,6 +34,7 @@ class Slicing:
 
     fill: Fill | None = None
     z_sampling: ZSampling | None = None
+    min_overlap: float | None = None
     antialias: bool | None = None
     unit: str | None = None
     scale: float | None = None

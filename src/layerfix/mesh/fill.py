@@ -79,7 +79,7 @@ def _fill_span(line, first, stop):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _row_crossings(segments, width, height):  # type: ignore[no-untyped-def]
+def row_crossings(segments, width, height):  # type: ignore[no-untyped-def]
     """(starts, crossings): where segments cross each row of centres, 2 · position + 1 where the solid begins."""
     starts = np.zeros(height + 1, np.int64)
     for s in range(segments.shape[0]):
@@ -270,7 +270,7 @@ def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]
     segments  (n, 4) x, y of start and end in px, solid on the left (of x right, y up)
     """
     height, stride = rows.shape[0], np.int64(width + 1)
-    starts, crossings = _row_crossings(segments, width, height)
+    starts, crossings = row_crossings(segments, width, height)
     spans = _fill_rows(starts, crossings, rule, rows)
     if not thin:
         return 0

@@ -27,7 +27,7 @@ from layerfix.bits import U1, WORK
 from layerfix.kernels import njit
 from layerfix.layers.components import root_of
 from layerfix.layers.neighbours import bit_at
-from layerfix.mesh.fill import EVEN_ODD, NONZERO, below, winding_is_inside
+from layerfix.mesh.fill import BITS, EVEN_ODD, NONZERO, ONE, SEGMENTS, below, row_crossings, sort, winding_is_inside
 from layerfix.stack import Remembered
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ POINTS = types.Array(types.float64, 2, "C", readonly=True)
 TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
 INDICES = types.Array(types.int32, 1, "C")
 HEIGHTS = types.Array(types.float64, 1, "C", readonly=True)
+BOUNDS = types.Array(types.float64, 1, "C")
 KEYS = types.Array(types.int64, 1, "C")
 
 
@@ -389,6 +390,77 @@ def _lone_parts(found, width, rows):  # type: ignore[no-untyped-def]
     return lone
 
 
+@njit(
+    types.int64(
+        KEYS, SEGMENTS, types.int64, BOUNDS, BOUNDS, types.float64, types.float64, types.float64, types.int64, WORK,
+    ),
+    cache=True,
+    nogil=True,
+)  # fmt: skip
+def _cover(keys, segments, width, bounds, heights, middle, share, least, rule, rows):  # type: ignore[no-untyped-def]
+    """Make pixels solid where the solid over them fills so much of the layer. Returns how many change.
+
+    keys    sorted crossings from the bottom of the layer below to the top of the one above
+    bounds  that bottom, the layer's bottom and top, that top; heights: of the three layers
+    middle  the mid-plane, where `segments` say what is inside
+    share   of a layer's height; a stretch that fills that of no layer goes to the one that holds most of it, if it is
+            `least` high
+    """
+    low, high = bounds[0], bounds[3]
+    unit = (high - low) / ((1 << Z_BITS) - 2)
+    mask = (np.int64(1) << Z_BITS) - 1
+    tie = 4 * unit
+    starts, crossings = row_crossings(segments, width, rows.shape[0])
+    for j in range(rows.shape[0]):
+        sort(crossings[starts[j] : starts[j + 1]])
+    changed, i, n = 0, 0, keys.shape[0]
+    while i < n:
+        pixel, begin = keys[i] >> (Z_BITS + 1), i
+        while i < n and keys[i] >> (Z_BITS + 1) == pixel:
+            i += 1
+        y, x = pixel // width, pixel % width
+        winding, crossed = 0, 0  # at the mid-plane
+        for q in range(starts[y], starts[y + 1]):
+            if ((crossings[q] >> 1) + ONE - 1) >> BITS > x:
+                break
+            winding += 1 if crossings[q] & 1 else -1
+            crossed += 1
+        inside = winding_is_inside(winding, crossed, rule)
+        # Down to the lowest crossing, then up: the stretches from the bottom on.
+        first = begin
+        while first < i and low + ((keys[first] >> 1) & mask) * unit <= middle:
+            first += 1
+        for q in range(first - 1, begin - 1, -1):
+            winding -= 1 if keys[q] & 1 else -1
+            crossed += 1
+        filled, kept = 0.0, False
+        start = low
+        for q in range(begin, i + 1):
+            z = low + ((keys[q] >> 1) & mask) * unit if q < i else high
+            was = winding_is_inside(winding, crossed, rule)
+            if q < i:
+                winding += 1 if keys[q] & 1 else -1
+                crossed += 1
+                if winding_is_inside(winding, crossed, rule) == was:
+                    continue
+            if not was:
+                start = z
+                continue
+            own = min(z, bounds[2]) - max(start, bounds[1])
+            under, over = min(z, bounds[1]) - start, z - max(start, bounds[2])
+            if own > 0:
+                filled += own
+                there = under >= share * heights[0] - tie or over >= share * heights[2] - tie
+                most = own > under - tie and own >= over - tie
+                kept |= not there and most and z - start >= least - tie
+        solid = kept or filled >= share * heights[1] - tie
+        if solid != inside:
+            bit = U1 << np.uint64(x & 63)
+            rows[y, x >> 6] = rows[y, x >> 6] | bit if solid else rows[y, x >> 6] & ~bit
+            changed += 1
+    return changed
+
+
 @dataclass(frozen=True, eq=False)
 class Sheets:
     """What a cut at mid-planes misses of one closed surface.
@@ -409,6 +481,7 @@ class Sheets:
     least: float = LEAST
     _edges: NDArray[np.float64] = field(init=False)  # of the intervals between mid-planes, q below layer q
     _keys: Callable[[int], NDArray[np.int64]] = field(init=False)  # of an interval
+    _facets: Callable[[int], NDArray[np.int32]] = field(init=False)  # of a slab
 
     def __post_init__(self) -> None:
         """Sort the facets into slabs."""
@@ -442,6 +515,26 @@ class Sheets:
 
         object.__setattr__(self, "_keys", Remembered(interval, 16))
         object.__setattr__(self, "_edges", edges)
+        object.__setattr__(self, "_facets", lambda slab: chosen[starts[slab] : starts[slab + 1]])
+
+    def cover(self, index: int, rows: Rows, segments: NDArray[np.float64], share: float) -> int:
+        """Make a layer's pixels solid where the solid over them fills so much of it (`z_sampling="overlap"`).
+
+        Returns how many changed.
+        """
+        (bottom, top), last = self.bounds[index], len(self.planes) - 1
+        ends = min(self._edges[0], self.bounds[0, 0] - 1.0), max(self._edges[-1], self.bounds[-1, 1] + 1.0)
+        # At the ends, what lies beyond counts as the end layers' own.
+        low = self.bounds[index - 1, 0] if index > 1 else ends[0]
+        high = self.bounds[index + 1, 1] if index < last - 1 else ends[1]
+        bounds = np.array([low, bottom if index else low, top if index < last else high, high])
+        heights = np.diff(self.bounds[[max(index - 1, 0), index, min(index + 1, last)]], axis=1)[:, 0]
+        slabs = range(max(index - 1, 0) // SLAB, min(index + 2, last + 1) // SLAB + 1)
+        mine = np.unique(np.concatenate([self._facets(s) for s in slabs]))
+        keys: NDArray[np.int64] = crossings(self.points, self.faces, mine, low, high, 0.0, *self.size_px, self.rule)
+        keys.sort()
+        return int(_cover(keys, segments, self.size_px[0], bounds, heights, self.planes[index], share,
+                          self.least * heights[1], self.rule, rows))  # fmt: skip
 
     def near(self, index: int) -> bool:
         """Whether a layer's mid-plane may miss anything."""

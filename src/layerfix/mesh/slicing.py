@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Fill = Literal["even_odd", "nonzero", "positive"]
-ZSampling = Literal["rescue", "middle"]
+ZSampling = Literal["rescue", "middle", "overlap"]
 Z_SAMPLINGS: tuple[ZSampling, ...] = get_args(ZSampling)
 FILLS: dict[Fill, int] = {"even_odd": EVEN_ODD, "nonzero": NONZERO, "positive": POSITIVE}
 SNAP_PER_PX = 1024
@@ -169,6 +169,7 @@ def slice_mesh(
     fill: Fill = "nonzero",
     hairlines: bool = True,
     z_sampling: ZSampling = "rescue",
+    min_overlap: float = 0.5,
     antialias: bool = False,
     frame_px: tuple[int, int] | None = None,
 ) -> LayerStack:
@@ -185,7 +186,9 @@ def slice_mesh(
                     known to be separate (`Layer.small`); False: only pixels whose centre is inside
     z_sampling      "rescue": what lies between two mid-planes and is met by none goes into the layer that holds most
                     of it, if it is a quarter of that layer high (`layerfix.mesh.sheets`; not in open meshes);
-                    "middle": only what a mid-plane meets
+                    "middle": only what a mid-plane meets; "overlap": what fills min_overlap of the layer's height,
+                    and what would fill that of no layer and is a quarter high
+    min_overlap     share of a layer's height, above 0 and at most 1, for "overlap"
     antialias       layers carry greys, too, for images and jobs: how much of each pixel the cross-section covers.
                     Solid is what is covered by half, and the crest of thin strokes (`layerfix.layers.greys`)
     frame_px        (width, height) of a printer's panel, the part in its middle, instead of part + margin
@@ -198,6 +201,8 @@ def slice_mesh(
         raise InputError(f"fill='{fill}' is not known; choose from {', '.join(FILLS)}")
     if z_sampling not in Z_SAMPLINGS:
         raise InputError(f"z_sampling='{z_sampling}' is not known; choose from {', '.join(Z_SAMPLINGS)}")
+    if not 0 < min_overlap <= 1:
+        raise InputError(f"min_overlap {min_overlap}: above 0 and at most 1")
     if not 0 <= margin_mm < math.inf:
         raise InputError(f"margin {margin_mm} mm: it must be 0 or more")
     if not isinstance(mesh, Mesh):
@@ -206,7 +211,8 @@ def slice_mesh(
     width, height, origin = _frame(mesh, pitch, margin_mm, frame_px)
     z_mm = _layers(mesh, layer_mm, first_layer_mm, z_sampling)
     grid = _Grid(pitch, origin, (height, words_for(width)), width, float(mesh.bounds_mm[0, 2]), z_mm)
-    make = _sliced(mesh, grid, FILLS[fill], hairlines, z_sampling, antialias)
+    share = min_overlap if z_sampling == "overlap" else None
+    make = _sliced(mesh, grid, FILLS[fill], hairlines, z_sampling, antialias, share)
     return LayerStack(width, height, pitch, z_mm, make, origin, notes=mesh.notes)
 
 
@@ -226,7 +232,7 @@ def slice_like(mesh: Mesh, stack: LayerStack, *, fill: Fill = "nonzero") -> Laye
     lowest_mm = make.grid.lowest_mm if isinstance(make, _Sliced) else 0.0
     shape = stack.height, words_for(stack.width)
     grid = _Grid(stack.pixel_mm, stack.origin_mm, shape, stack.width, lowest_mm, stack.z_mm)
-    make = _sliced(mesh, grid, FILLS[fill], False, "middle", False)
+    make = _sliced(mesh, grid, FILLS[fill], False, "middle", False, None)
     return LayerStack(stack.width, stack.height, stack.pixel_mm, stack.z_mm, make, stack.origin_mm, notes=mesh.notes)
 
 
@@ -238,9 +244,10 @@ class _Sliced:
     pieces: list[_Piece]
     grid: _Grid
     antialias: bool
+    share: float | None  # of a layer's height that is to be filled, for "overlap"
 
     def __call__(self, index: int) -> Layer:
-        found = _united(self.pieces, self.grid, index)
+        found = _united(self.pieces, self.grid, index, self.share)
         bottom, top = self.grid.z_mm[index].tolist()
         rows = np.zeros(self.grid.shape, np.uint64) if found.rows is None else found.rows
         gaps = found.gaps
@@ -265,9 +272,18 @@ class _Sliced:
         return _sliced, self.how
 
 
-def _sliced(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool, z_sampling: ZSampling, antialias: bool) -> _Sliced:
+def _sliced(
+    mesh: Mesh,
+    grid: _Grid,
+    rule: int,
+    hairlines: bool,
+    z_sampling: ZSampling,
+    antialias: bool,
+    share: float | None,
+) -> _Sliced:
     pieces = _pieces(mesh, grid, rule, hairlines, z_sampling)
-    return _Sliced((mesh, grid, rule, hairlines, z_sampling, antialias), pieces, grid, antialias)
+    how = mesh, grid, rule, hairlines, z_sampling, antialias, share
+    return _Sliced(how, pieces, grid, antialias, share)
 
 
 def _covered(pieces: list[_Piece], grid: _Grid, index: int) -> NDArray[np.uint8]:
@@ -300,7 +316,7 @@ def _pieces(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool, z_sampling: ZSa
         cutter = _cutter(surface, grid)
         size_px = grid.width, grid.shape[0]
         sheets = None
-        if z_sampling == "rescue" and cutter.closed:
+        if z_sampling != "middle" and cutter.closed:
             sheets = Sheets(cutter.points, cutter.faces, cutter.planes, cutter.bounds, size_px, rule)
         return _Piece(cutter, rule, hairlines, sheets, clips)
 
@@ -336,14 +352,18 @@ class _Found:
         return np.concatenate(self.middles) if self.middles else None
 
 
-def _united(pieces: list[_Piece], grid: _Grid, index: int) -> _Found:
+def _united(pieces: list[_Piece], grid: _Grid, index: int, share: float | None = None) -> _Found:
     """One layer of all pieces together."""
     found = _Found()
     clips: dict[int, NDArray[np.uint64] | None] = {}
     for piece in pieces:
         solid = _filled(piece.cutter, grid, index, piece.rule, piece.hairlines, found)
         if piece.sheets is not None:
-            solid = _rescued(piece.sheets, grid, index, solid, found)
+            if share is not None:
+                solid = np.zeros(grid.shape, np.uint64) if solid is None else solid
+                found.sheet_px += piece.sheets.cover(index, solid, piece.cutter.segments(index), share)
+            else:
+                solid = _rescued(piece.sheets, grid, index, solid, found)
         for cutter, inside in piece.clips if solid is not None else ():
             if id(cutter) not in clips:
                 clips[id(cutter)] = _filled(cutter, grid, index, NONZERO, False, found)
@@ -431,7 +451,7 @@ def _layers(mesh: Mesh, layer_mm: float, first_layer_mm: float | None, z_samplin
     x, y, z = mesh.size_mm
     if min(x, y, z) <= 0:
         raise InputError(f"{mesh.name}: the part is {x:.4g} × {y:.4g} × {z:.4g} mm; it has no thickness")
-    share, words = (LEAST, "a quarter of") if z_sampling == "rescue" else (0.5, "half")
+    share, words = (0.5, "half") if z_sampling == "middle" else (LEAST, "a quarter of")
     if z <= first * share:
         raise InputError(
             f"{mesh.name}: the part is {format_mm(z)} tall, under {words} the first layer of {format_mm(first)};"
