@@ -75,6 +75,12 @@ JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary a
         "--ignore-below", "ignore_below_mm2", type=Area(), help="Leave smaller specks as they are: 0.01mm2."
     ),
     cloup.option(
+        "--ignore-specks",
+        is_flag=True,
+        default=None,
+        help="Leave parts with nothing below and nothing above as they are.",
+    ),
+    cloup.option(
         "--min-layers", type=cloup.IntRange(1, 100), help="What is of fewer layers becomes so many high. [default: 1]"
     ),
     cloup.option(

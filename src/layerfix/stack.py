@@ -64,6 +64,7 @@ class Layer:
     sheet_px  pixels of what is thinner than a layer and was met by no mid-plane
     sheets_lost  parts of such, too thin to be kept
     small    (n, 2) row and column of the middles of pieces that are small and separate, though pixels may join them
+    specks   packed rows of the parts with nothing below and above, where they are to be left as they are
     raised_px  pixels that were added for what is of too few layers
     dimmed_px  pixels of dimmed interiors, which count as solid and are left as they are
     source  what the layer was decoded from, for a writer that keeps what it can of it
@@ -81,6 +82,7 @@ class Layer:
     dimmed_px: int = 0
     raised_px: int = 0
     small: NDArray[np.int64] | None = None
+    specks: Rows | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError unless `rows` keeps the contract; marks it read-only."""
@@ -118,7 +120,7 @@ class Layer:
 
     def without_pixels(self) -> Layer:
         """What is known of the layer, to be kept for every layer of a stack."""
-        return replace(self, rows=self.rows[:0].copy(), source=None, small=None)
+        return replace(self, rows=self.rows[:0].copy(), source=None, small=None, specks=None)
 
     def at(self, z_mm: tuple[float, float]) -> Layer:
         """The same layer at another height."""

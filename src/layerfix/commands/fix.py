@@ -108,6 +108,7 @@ def fix(
         mode=mode,
         spurs=spurs,
         ignore_below_mm2=options.correction.ignore_below_mm2 or 0.0,
+        ignore_specks=bool(options.correction.ignore_specks),
         keep_gaps_mm=options.correction.keep_gaps_mm,
         keep_out=keep_out,
         grow=options.correction.grow or "both",

@@ -57,6 +57,7 @@ class Correction:
     spurs: Spurs | None = None
     first_layer_min_feature_mm: float | None = None
     ignore_below_mm2: float | None = None
+    ignore_specks: bool | None = None
     keep_gaps_mm: float | None = None
     keep_out: Path | None = None
     grow: Grow | None = None

@@ -30,6 +30,7 @@ from layerfix.layers.feature import Feature, Radius, feature_of_mm
 from layerfix.layers.gaps import GROWS, Conflict, Grow, centres_apart, grow_apart, one_by_one, void_parts
 from layerfix.layers.heights import with_min_layers
 from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule, scratch_images, skeleton_columns
+from layerfix.layers.specks import with_specks
 from layerfix.layers.thickness import narrowest
 from layerfix.layers.topology import TopologyChange, box_of, changes_of
 from layerfix.stack import Change
@@ -169,6 +170,7 @@ def correct(
     mode: Mode = "as_printed",
     spurs: Spurs = "metric",
     ignore_below_mm2: float = 0.0,
+    ignore_specks: bool = False,
     keep_gaps_mm: float | None = None,
     keep_out: LayerStack | None = None,
     grow: Grow = "both",
@@ -182,6 +184,7 @@ def correct(
     mode            "as_printed": S ∘ F and what was too thin, drawn with F; "add_only": that and all of S
     spurs           the end-point rule of the meso-skeleton, see `meso_skeleton`
     ignore_below_mm2  parts of a layer with less area are left as they are: specks, that would become dots of F's size
+    ignore_specks   parts with nothing below and nothing above are left as they are
     keep_gaps_mm    what is to stay free between parts, and in holes and channels; at least a pixel stays. None: parts
                     may grow together, holes may close. See `layerfix.layers.gaps`
     keep_out        a stack on the same frame: nothing is added where it is solid; material goes to the other side
@@ -217,7 +220,8 @@ def correct(
     if stack.repeats is not None and len(sizes_mm) > 1:
         other = np.concatenate([[True], np.diff(sizes_mm) != 0])
         stack = replace(stack, repeats=stack.repeats & ~other)
-    return with_min_layers(stack, min_layers).map(
+    raised = with_min_layers(stack, min_layers)
+    return (with_specks(raised) if ignore_specks else raised).map(
         _Correction(
             of_layer,
             stack.z_mm[:, 0],
@@ -230,7 +234,7 @@ def correct(
             keep_out,
             grow,
         ),
-        pixels_only=keep_out is None,
+        pixels_only=keep_out is None and not ignore_specks,
     )
 
 
@@ -261,6 +265,8 @@ class _Correction:
     def __call__(self, layer: Layer) -> Layer:
         feature, pixel_mm = self._feature(layer), self.pixel_mm
         specks = smaller_than(layer.rows, self.ignore_px) if self.ignore_px > 0 else None
+        if layer.specks is not None:
+            specks = layer.specks if specks is None else specks | layer.specks
         ignored_px = int(np.bitwise_count(specks).sum()) if specks is not None else 0
         wanted = layer.rows & ~specks if specks is not None and ignored_px else layer.rows
         small = layer.small
