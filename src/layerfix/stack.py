@@ -324,7 +324,7 @@ class LayerStack(Sequence[Layer]):
 
 
 class Remembered(Generic[Result]):
-    """A `make` by index that keeps the latest it made; a thread that asks for one being made waits for it."""
+    """A `make` by index that keeps what was asked for last; a thread that asks for one being made waits for it."""
 
     def __init__(self, make: Callable[[int], Result], keep: int) -> None:
         self._make, self._keep = make, keep
@@ -335,19 +335,23 @@ class Remembered(Generic[Result]):
     def __call__(self, index: int) -> Result:
         with self._lock:
             if index in self._made:
-                return self._made[index]
+                return self._again(index)
             turn = self._making.setdefault(index, Lock())
         with turn:
             with self._lock:
                 if index in self._made:
-                    return self._made[index]
+                    return self._again(index)
             result = self._make(index)
             with self._lock:
                 self._made[index] = result
                 self._making.pop(index, None)
                 while len(self._made) > self._keep:
-                    self._made.pop(min(self._made))
+                    del self._made[next(iter(self._made))]  # what was not asked for the longest
             return result
+
+    def _again(self, index: int) -> Result:
+        result = self._made[index] = self._made.pop(index)
+        return result
 
 
 def _in_threads(work: Callable[[int], Result], order: list[int], workers: int) -> Generator[Result]:
