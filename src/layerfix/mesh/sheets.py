@@ -538,7 +538,8 @@ class Sheets:
 
     def near(self, index: int) -> bool:
         """Whether a layer's mid-plane may miss anything."""
-        return bool(len(self._keys(index)) or len(self._keys(index + 1)))
+        above = self._keys(index + 1)  # first: the other one is what the thread of the layer below is at
+        return bool(len(above) or len(self._keys(index)))
 
     def rescue(self, index: int, rows: Rows) -> tuple[int, int]:
         """Add to a layer's pixels what its mid-plane misses. Returns (how many were added; how many parts, touching
