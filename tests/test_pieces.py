@@ -11,35 +11,53 @@ from hypothesis import strategies as st
 from layerfix import correct, slice_mesh
 from layerfix.layers.verdict import judge
 from layerfix.mesh.pieces import LARGEST_PX, small_pieces
-from tests.making import box, joined, turned
+from tests.making import box, cylinder, inside_out, joined, turned
 from tests.test_coverage import segments_of
+
+
+def blank() -> np.ndarray:
+    return np.full((700, 11), ~np.uint64(0))
 
 
 @settings(max_examples=150)
 @given(st.integers(0, 10**6))
-def test_each_small_contour_once(seed):
-    """Polygons apart from each other, some large, some with holes, their edges in any order."""
+def test_each_small_compact_contour_once(seed):
+    """Squares and triangles apart from each other, some large, their edges in any order, at their centroid."""
     rng = np.random.default_rng(seed)
     parts, wanted = [], []
     for k in range(rng.integers(1, 9)):
-        middle = np.array([200.0 * (k % 3), 200.0 * (k // 3)]) + rng.uniform(-1, 1, 2)
+        middle = np.array([100 + 200.0 * (k % 3), 100 + 200.0 * (k // 3)]) + rng.uniform(-1, 1, 2)
         size = rng.choice([0.4, 3, 30, 31.9, 33, 80])
-        part = shapely.box(*(middle - size), *(middle + size))
-        parts.append(part.difference(shapely.box(*(middle - size / 3), *(middle + size / 3))))
+        corners = middle + size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])[: rng.integers(3, 5)]
+        part = shapely.Polygon(corners)
+        parts.append(part)
         if 2 * size <= LARGEST_PX:
-            wanted.append(tuple(np.floor(middle[::-1] + 0.5).astype(int).tolist()))
+            wanted.append((int(np.floor(part.centroid.y + 0.5)), int(np.floor(part.centroid.x + 0.5))))
     segments = segments_of(shapely.MultiPolygon(parts))
-    found = small_pieces(np.ascontiguousarray(rng.permutation(segments)))
+    found = small_pieces(np.ascontiguousarray(rng.permutation(segments)), blank())
     assert sorted(map(tuple, found.tolist())) == sorted(wanted)
 
 
 def test_open_contours_and_holes_are_none():
-    """A contour with a gap, and one the other way round."""
-    ring = segments_of(shapely.box(0, 0, 5, 5))
-    assert len(small_pieces(ring)) == 1
-    assert len(small_pieces(ring[:-1])) == 0
-    assert len(small_pieces(np.ascontiguousarray(ring[:, [2, 3, 0, 1]]))) == 0
-    assert len(small_pieces(np.empty((0, 4)))) == 0
+    """A contour with a gap, and one the other way round; one whose middle is not solid."""
+    ring = segments_of(shapely.box(10, 10, 15, 15))
+    assert len(small_pieces(ring, blank())) == 1
+    assert len(small_pieces(ring[:-1], blank())) == 0
+    assert len(small_pieces(np.ascontiguousarray(ring[:, [2, 3, 0, 1]]), blank())) == 0
+    assert len(small_pieces(np.empty((0, 4)), blank())) == 0
+    assert len(small_pieces(ring, np.zeros_like(blank()))) == 0
+
+
+@pytest.mark.parametrize("grow", ["both", "outward"])
+def test_letters_keep_their_holes(grow):
+    """An O, a C and an L, small and thin: they are thickened, and no dot is drawn in the middle of them."""
+    ring = joined(cylinder(1.2, 1, 64), inside_out(cylinder(1.0, 1, 64)))
+    bow = joined(box([4, 0, 0], [6, 0.2, 1]), box([4, 0, 0], [4.2, 2, 1]), box([4, 1.8, 0], [6, 2, 1]))
+    stack = slice_mesh(joined(ring, bow), pixel_mm=0.05, layer_mm=0.2)
+    plain = slice_mesh(joined(ring, bow), pixel_mm=0.05, layer_mm=0.2, hairlines=False)
+    fixed = [correct(layers, min_feature_mm=0.5, grow=grow) for layers in (stack, plain)]
+    for one, other in zip(*fixed, strict=True):
+        assert np.array_equal(one.image(), other.image())
 
 
 def near_wall(gap: float, degrees: float):

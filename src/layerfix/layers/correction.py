@@ -154,8 +154,12 @@ def _kept_out(
     if not centres_apart(solid, forbidden, paths, feature, centres, stuck):
         return centres, []
     limit_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
-    return centres, [("keep_out", part, float(narrowest(solid, only, limit_mm, *pixel_mm)))
-                     for part, only in one_by_one(stuck)]  # fmt: skip
+    found: list[Found] = []
+    for part, only in one_by_one(stuck):
+        inside = only & solid  # a crumb may hold no pixel
+        width_mm = narrowest(solid, inside, limit_mm, *pixel_mm) if inside.any() else min(pixel_mm)
+        found.append(("keep_out", part, float(width_mm)))
+    return centres, found
 
 
 def _check_mode(mode: str) -> None:

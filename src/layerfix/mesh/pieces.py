@@ -1,4 +1,4 @@
-"""Small pieces of a cross-section: closed outer contours no larger than a tool, and the pixel in the middle of each.
+"""Small pieces of a cross-section: compact closed contours no larger than a tool, and the middle pixel of each.
 
 Two pieces less than a pixel apart hang together in the raster, and a small one may then pass for a bump of its
 neighbour, which the method need not keep. Contours tell them apart.
@@ -11,9 +11,13 @@ import math
 import numpy as np
 from numba import types
 
+from layerfix.bits import WORK
 from layerfix.kernels import njit
+from layerfix.layers.neighbours import bit_at
 from layerfix.mesh.fill import SEGMENTS
 
+COMPACT = 0.45  # share of its box that a piece fills: a triangle half
+CRUMB_PX = 2.0
 LARGEST_PX = 64  # of a small piece, along x and along y
 PLACES = types.Array(types.int64, 2, "C")
 NONE = -1
@@ -31,11 +35,13 @@ def _slot(x, y, mask):  # type: ignore[no-untyped-def]
     return value & mask
 
 
-@njit(PLACES(SEGMENTS), cache=True, nogil=True)
-def small_pieces(segments):  # type: ignore[no-untyped-def]
-    """(n, 2) row and column in the middle of each closed contour that has the solid inside and is small.
+@njit(PLACES(SEGMENTS, WORK), cache=True, nogil=True)
+def small_pieces(segments, rows):  # type: ignore[no-untyped-def]
+    """(n, 2) row and column of the centroid of each closed contour that has the solid inside, is small and compact.
 
     segments  (n, 4) x, y of start and end, solid on the left (of x right, y up; rows run down)
+    rows      packed: what they fill. A centroid is solid (that of a ring or a bow is not), but for crumbs, which may
+              hold no pixel
     """
     n = segments.shape[0]
     size = 4
@@ -54,13 +60,17 @@ def small_pieces(segments):  # type: ignore[no-untyped-def]
             continue
         x0 = x1 = segments[first, 0]
         y0 = y1 = segments[first, 1]
-        double_area, s, closed = 0.0, int(first), False
+        double_area, mx, my, s, closed = 0.0, 0.0, 0.0, int(first), False
         while s != NONE and not used[s]:
             used[s] = True
             ax, ay, bx, by = segments[s]
             x0, x1, y0, y1 = min(x0, bx), max(x1, bx), min(y0, by), max(y1, by)
-            double_area += (ax - segments[first, 0]) * (by - segments[first, 1])
-            double_area -= (bx - segments[first, 0]) * (ay - segments[first, 1])
+            px, py = ax - segments[first, 0], ay - segments[first, 1]
+            qx, qy = bx - segments[first, 0], by - segments[first, 1]
+            part = px * qy - qx * py
+            double_area += part
+            mx += part * (px + qx)
+            my += part * (py + qy)
             if bx == segments[first, 0] and by == segments[first, 1]:
                 closed = True
                 break
@@ -73,11 +83,17 @@ def small_pieces(segments):  # type: ignore[no-untyped-def]
                     break
                 at = (at + 1) & (size - 1)
         # Solid is on the left with y up: clockwise in columns and rows.
-        if closed and double_area < 0 and x1 - x0 <= LARGEST_PX and y1 - y0 <= LARGEST_PX:
-            if found == out.shape[0]:
-                longer = np.empty((2 * found, 2), np.int64)
-                longer[:found] = out
-                out = longer
-            out[found, 0], out[found, 1] = math.floor((y0 + y1) / 2 + 0.5), math.floor((x0 + x1) / 2 + 0.5)
-            found += 1
+        wide, high = x1 - x0, y1 - y0
+        if not closed or double_area >= 0 or max(wide, high) > LARGEST_PX or -double_area < 2 * COMPACT * wide * high:
+            continue
+        y = np.int64(math.floor(segments[first, 1] + my / (3 * double_area) + 0.5))
+        x = np.int64(math.floor(segments[first, 0] + mx / (3 * double_area) + 0.5))
+        if not bit_at(rows, y, x) and max(wide, high) > CRUMB_PX:
+            continue
+        if found == out.shape[0]:
+            longer = np.empty((2 * found, 2), np.int64)
+            longer[:found] = out
+            out = longer
+        out[found, 0], out[found, 1] = y, x
+        found += 1
     return out[:found].copy()

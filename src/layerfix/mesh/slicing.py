@@ -392,7 +392,7 @@ def _filled(
             found.gaps.append(Gaps(len(lengths_mm), float(lengths_mm.max())))
     rows = np.zeros(grid.shape, np.uint64)
     found.hairline_px += fill_pixels(segments, grid.width, rule, hairlines, rows)
-    middles = small_pieces(segments) if hairlines else np.empty((0, 2), np.int64)
+    middles = small_pieces(segments, rows) if hairlines else np.empty((0, 2), np.int64)
     if len(middles):
         found.middles.append(middles)
     return rows
