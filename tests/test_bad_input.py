@@ -259,8 +259,8 @@ CASES = {
         sized(5000 / 12), ("part.stl", "out", *FIX), ("part.stl", "5000", "huge", "--unit")
     ),
     "a unit that is none": Case(part, ("part.stl", "out", *FIX, "--unit", "furlong"), ("furlong", "mm", "in")),
-    "lower than half a layer": Case(
-        part, ("part.stl", "out", *FIX, "--layer", "5mm"), ("part.stl", "2 mm tall", "5 mm")
+    "lower than a quarter of a layer": Case(
+        part, ("part.stl", "out", *FIX, "--layer", "9mm"), ("part.stl", "2 mm tall", "9 mm")
     ),
     "layers without end": Case(part, ("part.stl", "out", *FIX, "--layer", "1nm"), ("part.stl", "2000000 layers")),
     "pixels without end": Case(part, ("part.stl", "out", *FIX, "--pixel", "10nm"), ("part.stl", "larger pixels")),

@@ -400,7 +400,7 @@ def test_the_completion_scripts(shell):
 def test_completion_completes():
     """What the bash script asks for is answered with the commands and options that fit."""
     env = {"_LAYERFIX_COMPLETE": "bash_complete", "COMP_WORDS": "layerfix fix --mi", "COMP_CWORD": "2"}
-    assert run_layerfix(env=env).out == "plain,--min-feature\nplain,--min-layers\n"
+    assert run_layerfix(env=env).out == "plain,--min-feature\nplain,--min-layers\nplain,--min-overlap\n"
     env |= {"COMP_WORDS": "layerfix pr", "COMP_CWORD": "1"}
     assert run_layerfix(env=env).out == "plain,printers\n"
 
