@@ -40,7 +40,7 @@ def expected(before: np.ndarray, after: np.ndarray) -> list[tuple[str, int, floa
     return sorted(changes, key=lambda change: (-change[2], change))
 
 
-@settings(max_examples=300)
+@settings(max_examples=200)
 @given(images(), images())
 def test_as_the_labels_say(one, other):
     """Any two layers of one size, one that holds the other, one that lost a part of it."""

@@ -103,7 +103,7 @@ def twin(
     return holds, for_good
 
 
-@settings(max_examples=800)
+@settings(max_examples=400)
 @given(
     layers(),
     ranges(),
