@@ -68,3 +68,17 @@ def test_a_stack_of_one_layer_has_none():
     assert with_specks(stack) is stack
     fixed = correct(stack, min_feature_mm=0.3, ignore_specks=True)
     assert fixed[0].change.added_px > 0
+
+
+def test_a_speck_that_stays_is_not_raised_either():
+    """It is left in its one layer; a plate of one layer becomes two."""
+    solid = np.zeros((6, 30, 40), bool)
+    solid[:3, 10:20, 10:20] = True
+    solid[2, 10:20, 20:35] = True
+    solid[4, 3, 3] = True
+    stack = LayerStack.from_images(solid, pixel_mm=0.1, layer_mm=0.1)
+    for ignored, layers in ((True, [4]), (False, [4, 5])):
+        fixed = np.asarray(correct(stack, min_feature_mm=0.3, mode="add_only", min_layers=2, ignore_specks=ignored))
+        assert np.flatnonzero(fixed[:, 3, 3]).tolist() == layers
+        assert fixed[1, 12, 30]
+        assert fixed[4, :8, :8].sum() == (1 if ignored else 9)

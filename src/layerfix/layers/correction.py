@@ -224,8 +224,7 @@ def correct(
     if stack.repeats is not None and len(sizes_mm) > 1:
         other = np.concatenate([[True], np.diff(sizes_mm) != 0])
         stack = replace(stack, repeats=stack.repeats & ~other)
-    raised = with_min_layers(stack, min_layers)
-    return (with_specks(raised) if ignore_specks else raised).map(
+    return with_min_layers(with_specks(stack) if ignore_specks else stack, min_layers).map(
         _Correction(
             of_layer,
             stack.z_mm[:, 0],

@@ -8,7 +8,7 @@ plate. What has no room that way grows the other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,6 +45,8 @@ class _Raised:
     make: Callable[[int], Layer]
     count: int
     least: int
+    _layers: Remembered[Layer] = field(init=False)
+    _standing: Remembered[Rows] = field(init=False)
 
     def __post_init__(self) -> None:
         """Set up what is remembered."""
@@ -56,22 +58,21 @@ class _Raised:
         return _Raised, (self.make, self.count, self.least)
 
     def _rows(self, index: int) -> Rows:
-        layers: Remembered[Layer] = self._layers  # type: ignore[attr-defined]
-        rows = layers(min(max(index, 0), self.count - 1)).rows
-        return rows if 0 <= index < self.count else np.zeros_like(rows)
+        """What of a layer counts: all but specks that are to be left as they are; nothing outside the stack."""
+        layer = self._layers(min(max(index, 0), self.count - 1))
+        if not 0 <= index < self.count:
+            return np.zeros_like(layer.rows)
+        return layer.rows if layer.specks is None else layer.rows & ~layer.specks
 
     def _stands(self, index: int) -> Rows:
         """The parts of a layer that touch the one below."""
         rows, below = self._rows(index), self._rows(index - 1)
         if not below.any():
             return np.zeros_like(rows)
-        layers: Remembered[Layer] = self._layers  # type: ignore[attr-defined]
-        return flood(rows & dilate(below, layers(index).width, (1.0, 1.0)), rows)
+        return flood(rows & dilate(below, self._layers(index).width, (1.0, 1.0)), rows)
 
     def __call__(self, index: int) -> Layer:
-        layers: Remembered[Layer] = self._layers  # type: ignore[attr-defined]
-        standing: Remembered[Rows] = self._standing  # type: ignore[attr-defined]
-        layer, n = layers(index), self.least
+        layer, n = self._layers(index), self.least
         rows = layer.rows.copy()
         for first in range(max(index - 2 * n + 2, 0), min(index + n, self.count)):
             begun = self._rows(first) & ~self._rows(first - 1)
@@ -92,7 +93,7 @@ class _Raised:
                 ):
                     reaches = first - lower <= index < first or first + length <= index < first + length + upper
                     if reaches:
-                        stands = standing(first)
+                        stands = self._standing(first)
                         rows |= ended & (stands if chosen else ~stands)
         raised_px = int(np.bitwise_count(rows & ~layer.rows).sum())
         return replace(layer, rows=rows, raised_px=raised_px) if raised_px else layer

@@ -5,7 +5,7 @@ Often dirt of an export: a pixel in one layer, which correction would make a dis
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +33,7 @@ class _Marked:
 
     make: Callable[[int], Layer]
     count: int
+    _layers: Remembered[Layer] = field(init=False)
 
     def __post_init__(self) -> None:
         """Set up what is remembered."""
@@ -42,12 +43,11 @@ class _Marked:
         return _Marked, (self.make, self.count)
 
     def __call__(self, index: int) -> Layer:
-        layers: Remembered[Layer] = self._layers  # type: ignore[attr-defined]
-        layer = layers(index)
+        layer = self._layers(index)
         around: Rows = np.zeros_like(layer.rows)
         for k in (index - 1, index + 1):
             if 0 <= k < self.count:
-                around = around | layers(k).rows
+                around = around | self._layers(k).rows
         held = flood(layer.rows & dilate(around, layer.width, (1.5, 1.5)), layer.rows)
         specks = layer.rows & ~held
         return replace(layer, specks=specks) if specks.any() else layer
