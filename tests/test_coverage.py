@@ -14,6 +14,7 @@ from layerfix.errors import InputError
 from layerfix.mesh.coverage import coverage
 from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE
 from tests.making import box, cylinder, joined, run_layerfix, save_stl, turned
+from tests.test_new_jobs import OWN
 
 RULES = {EVEN_ODD: "even_odd", NONZERO: "nonzero", POSITIVE: "positive"}
 
@@ -91,29 +92,16 @@ def test_what_is_thinner_than_a_pixel_or_a_layer_is_there_too():
     assert all((layer.source.from_above(layer) >= 128)[layer.image()].all() for layer in kept)
 
 
-PANEL = """
-maker = "Me"
-model = "Test SL1S"
-process = "resin"
-pixels = [200, 120]
-pixel_mm = [0.05, 0.05]
-build_mm = [10.0, 6.0, 20.0]
-mirror = "x"
-format = "{suffix}"
-layer_mm = 0.1
-layer_range_mm = [0.02, 0.2]
-min_feature_mm = 0.2
-exposure_s = 2.5
-bottom_exposure_s = 30.0
-antialias_bits = {bits}
-"""
+def panel(suffix: str, bits: int) -> str:
+    """The printer's file of a panel that shows so many bits of grey."""
+    return OWN.format(suffix=suffix, mirror="x") + f"antialias_bits = {bits}\n"
 
 
 @pytest.mark.parametrize("suffix", [".goo", ".sl1s"])
 @pytest.mark.parametrize("bits", [1, 3, 4, 8])
 def test_jobs_have_the_greys_that_the_panel_shows(tmp_path, suffix, bits):
     """So many levels, where they belong; no greys for one bit or if not wanted; the job reads back as it is."""
-    (tmp_path / "own.toml").write_text(PANEL.format(suffix=suffix, bits=bits))
+    (tmp_path / "own.toml").write_text(panel(suffix, bits))
     save_stl(tmp_path / "part.stl", turned(box([0, 0, 0], [5, 2, 0.3]), "z", 20))
     run = run_layerfix("fix", tmp_path / "part.stl", tmp_path / f"a{suffix}", "-p", tmp_path / "own.toml")
     assert run.code == 0, run.err
@@ -147,7 +135,7 @@ def test_images_have_greys_if_asked(tmp_path):
 def test_a_job_becomes_another_with_its_greys(tmp_path):
     """SL1 to GOO: the same picture on both panels."""
     for suffix in (".sl1s", ".goo"):
-        (tmp_path / f"own{suffix}.toml").write_text(PANEL.format(suffix=suffix, bits=8))
+        (tmp_path / f"own{suffix}.toml").write_text(panel(suffix, 8))
     part = turned(box([0, 0, 0], [5, 2, 0.3]), "z", 20)
     stack = slice_mesh(part, pixel_mm=0.05, layer_mm=0.1, frame_px=(200, 120), antialias=True)
     write(tmp_path / "a.sl1s", stack, load_printer(tmp_path / "own.sl1s.toml"))

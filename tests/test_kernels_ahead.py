@@ -6,9 +6,8 @@ import os
 import subprocess
 import sys
 
-import pytest
-
 from layerfix import kernel_cache, kernels_ahead
+from layerfix.processors import processors
 from tests.making import environment
 
 PROGRAM = """
@@ -34,10 +33,9 @@ def run(**more: str) -> list[str]:
     return done.stdout.splitlines()
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="the number of processors is asked for otherwise")
 def test_they_begin_once_and_no_more_than_there_are_processors(tmp_path):
     """Each with its share; with one processor none; those that compile ahead begin no others."""
-    count = min(len(os.sched_getaffinity(0)) - 1, kernels_ahead.MOST)
+    count = min(processors() - 1, kernels_ahead.MOST)
     lines = run(NUMBA_CACHE_DIR=str(tmp_path))
     assert len(lines) == count
     assert all(line.endswith("True True") for line in lines)

@@ -16,7 +16,7 @@ ROOT = Path(layerfix.__file__).parent
 # Folders and the few modules outside them, from the ground up. A folder imports only from floors below, and from
 # its own floor where that makes no circle of folders.
 FLOORS = {
-    0: ("errors", "units", "bits", "files", "console", "kernels", "kernel_cache", "kernels_ahead"),
+    0: ("errors", "units", "bits", "files", "console", "kernels", "kernel_cache", "kernels_ahead", "processors"),
     1: ("stack", "printers"),
     2: ("layers", "mesh"),
     3: ("outlines", "fdm", "draw", "samples"),

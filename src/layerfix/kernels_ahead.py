@@ -14,6 +14,7 @@ import sys
 from contextlib import suppress
 
 from layerfix import kernel_cache
+from layerfix.processors import processors
 
 MOST = 3  # processes
 PROGRAM = "import sys; from layerfix.kernels import ready_share; ready_share(*map(int, sys.argv[1:4]), *sys.argv[4:])"
@@ -28,11 +29,10 @@ def begin() -> None:
     if _off or MARK in os.environ:  # one that compiles ahead begins no others
         return
     _off = True
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     modules = [name for name in sys.modules if name.startswith("layerfix.") and name != __name__]
-    if cores < 2 or not sys.executable or getattr(sys, "frozen", False) or not _can_be_kept():
+    if processors() < 2 or not sys.executable or getattr(sys, "frozen", False) or not _can_be_kept():
         return
-    count = min(cores - 1, MOST)
+    count = min(processors() - 1, MOST)
     atexit.register(_end)
     for k in range(count):
         command = [sys.executable, "-c", PROGRAM, str(k), str(count), str(os.getpid()), *reversed(modules)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -15,6 +14,7 @@ import numpy as np
 
 from layerfix.bits import pack, unpack, words_for
 from layerfix.errors import InputError
+from layerfix.processors import processors
 from layerfix.units import one_or_two
 
 if TYPE_CHECKING:
@@ -282,7 +282,7 @@ class LayerStack(Sequence[Layer]):
 
         once  for a `use` that looks at pixels only: layers that repeat the one below yield its result again
         """
-        workers = min(self.workers or _cores(), len(self))
+        workers = min(self.workers or processors(), len(self))
         repeats = self.repeats if once and self.repeats is not None else np.zeros(len(self), np.bool_)
         first_alike = np.maximum.accumulate(np.where(repeats, 0, np.arange(len(self)))).tolist()
         make = self.make
@@ -301,7 +301,7 @@ class LayerStack(Sequence[Layer]):
 
         At the ends there are fewer. Every layer is made once; threads, order and memory are as in `each`.
         """
-        workers = min(self.workers or _cores(), len(self))
+        workers = min(self.workers or processors(), len(self))
         made = Remembered(self.make, below + above + 3 * workers + 1)
 
         def work(i: int) -> Result:
@@ -401,11 +401,6 @@ def _in_threads(work: Callable[[int], Result], order: list[int], workers: int) -
         for thread in threads:
             if thread.ident is not None:  # it was started
                 thread.join()
-
-
-def _cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def pitch_mm(pixel_mm: float | tuple[float, float]) -> tuple[float, float]:

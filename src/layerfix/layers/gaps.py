@@ -24,7 +24,7 @@ from layerfix.bits import U0, U1, WORK, lowest_bit
 from layerfix.kernels import njit
 from layerfix.layers.components import NUMBERS, RUNS, label_runs, measured_parts
 from layerfix.layers.morphology import HALF_WIDTHS, dilate_columns, disc_half_widths
-from layerfix.layers.neighbours import around_in_columns, bit_of, is_simple
+from layerfix.layers.neighbours import around, bit_at, is_simple
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -134,7 +134,7 @@ def _grow(solid, starts, xs, order):  # type: ignore[no-untyped-def]
             if state[k] == ADDED:
                 continue
             refused -= state[k] == REFUSED
-            if not is_simple(around_in_columns(solid, y, x)):
+            if not is_simple(around(solid.T, y, x)):
                 state[k] = REFUSED
                 refused += 1
                 continue
@@ -165,7 +165,7 @@ def _trim(solid, goal):  # type: ignore[no-untyped-def]
                 while word != U0:
                     x = w * 64 + lowest_bit(word)
                     word &= word - U1
-                    if is_simple(around_in_columns(solid, y, x)):
+                    if is_simple(around(solid.T, y, x)):
                         solid[w, y] &= ~(U1 << np.uint64(x & 63))
                     else:
                         left += 1
@@ -210,7 +210,7 @@ def move_paths(paths, free, half_widths, bx, by, centres, stuck):  # type: ignor
                 x = w * 64 + lowest_bit(word)
                 word &= word - U1
                 nearest, best_y, best_x = np.int64(1) << 60, y, x
-                if bit_of(free, y, x):
+                if bit_at(free.T, y, x):
                     nearest = np.int64(0)
                 for dy in range(-reach_y if nearest else 0, reach_y + 1 if nearest else 0):
                     for dx in range(-reach_x, reach_x + 1):
@@ -220,7 +220,7 @@ def move_paths(paths, free, half_widths, bx, by, centres, stuck):  # type: ignor
                             for u in range(bx + 1):
                                 i, j = abs(-dx - u), abs(-dy - v)
                                 inside |= j < half_widths.shape[0] and i <= half_widths[j]
-                        if inside and dx * dx + dy * dy < nearest and bit_of(free, y + dy, x + dx):
+                        if inside and dx * dx + dy * dy < nearest and bit_at(free.T, y + dy, x + dx):
                             nearest, best_y, best_x = np.int64(dx * dx + dy * dy), y + dy, x + dx
                 if nearest == np.int64(1) << 60:
                     stuck[w, y] |= U1 << np.uint64(x & 63)

@@ -1,4 +1,4 @@
-"""Single pixels of packed rows and of columns (`layerfix.layers.columns`), and what is around them."""
+"""Single pixels of packed rows, and what is around them. Columns (`layerfix.layers.columns`) are given as `.T`."""
 
 from __future__ import annotations
 
@@ -40,26 +40,3 @@ def is_simple(neighbours):  # type: ignore[no-untyped-def]
         void = (neighbours >> k) & 1 == 0
         crossings += void and ((neighbours >> (k + 1)) & 1 != 0 or (neighbours >> ((k + 2) & 7)) & 1 != 0)
     return crossings == 1
-
-
-@njit
-def bit_of(columns, y, x):  # type: ignore[no-untyped-def]
-    """Pixel (y, x) of columns, 0 outside them."""
-    if y < 0 or x < 0 or y >= columns.shape[1] or (x >> 6) >= columns.shape[0]:
-        return np.int64(0)
-    return np.int64((columns[x >> 6, y] >> np.uint64(x & 63)) & U1)
-
-
-@njit
-def around_in_columns(columns, y, x):  # type: ignore[no-untyped-def]
-    """The eight neighbours, bit 0 east, then clockwise."""
-    return (
-        bit_of(columns, y, x + 1)
-        | bit_of(columns, y + 1, x + 1) << 1
-        | bit_of(columns, y + 1, x) << 2
-        | bit_of(columns, y + 1, x - 1) << 3
-        | bit_of(columns, y, x - 1) << 4
-        | bit_of(columns, y - 1, x - 1) << 5
-        | bit_of(columns, y - 1, x) << 6
-        | bit_of(columns, y - 1, x + 1) << 7
-    )
