@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from layerfix.commands.notes import (
+    doubts,
+    told_of_conflicts,
+    told_of_dimmed,
+    told_of_empty_layers,
+    told_of_hairlines,
+    told_of_raised,
+    told_of_sheets,
+    told_of_specks,
+    told_of_topology,
+)
 from layerfix.commands.options import Options, flag, refuse_given
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
@@ -24,12 +35,11 @@ from layerfix.formats import (
 )
 from layerfix.layers.correction import correct
 from layerfix.layers.feature import check_feature_mm
-from layerfix.mesh.empty import empty_between, empty_ends, told_of_ends
+from layerfix.mesh.empty import empty_ends, told_of_ends
 from layerfix.mesh.slicing import slice_like, slice_mesh
-from layerfix.units import counted, format_mm
+from layerfix.units import format_mm
 
 if TYPE_CHECKING:
-    from layerfix.fdm import PathSettings
     from layerfix.layers.correction import Mode
     from layerfix.layers.gaps import Conflict
     from layerfix.layers.topology import TopologyChange
@@ -99,7 +109,7 @@ def fix(
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
     keep_out = _keep_out(stack, turned, options)
-    told = _doubts(tolerance_mm, paths, min_feature_mm)
+    told = doubts(tolerance_mm, paths, min_feature_mm)
     spurs = options.correction.spurs or "metric"
     first_mm = options.correction.first_layer_min_feature_mm if not (options.run.layers or (0,))[0] else None
     fixed = correct(
@@ -343,133 +353,14 @@ def _add_up(
         conflicts=conflicts,
         notes=(
             *stack.notes,
-            *_empty_layers(done),
-            *_hairlines(done, stack.pixel_mm),
-            *_sheets(done),
-            *_dimmed(done),
-            *_raised(done),
-            *_told_of(topology),
-            *_conflicts(conflicts, min_feature_mm),
-            *_specks(done),
+            *told_of_empty_layers(done),
+            *told_of_hairlines(done, stack.pixel_mm),
+            *told_of_sheets(done),
+            *told_of_dimmed(done),
+            *told_of_raised(done),
+            *told_of_topology(topology),
+            *told_of_conflicts(conflicts, min_feature_mm),
+            *told_of_specks(done),
             *told,
         ),
     )
-
-
-def _doubts(tolerance_mm: float | None, paths: PathSettings | None, min_feature_mm: float) -> list[str]:
-    """A word about what was asked for and is allowed, but may not be what is wanted."""
-    doubts = []
-    if tolerance_mm is not None and tolerance_mm > min_feature_mm / 4:
-        doubts.append(
-            f"a tolerance of {format_mm(tolerance_mm)} is much for a minimum feature of"
-            f" {format_mm(min_feature_mm)}: outlines may come out thinner than it"
-        )
-    if paths is not None and min_feature_mm < paths.range_mm[0] * (1 - 1e-9):
-        doubts.append(
-            f"a minimum feature of {format_mm(min_feature_mm)} is below the narrowest bead of the nozzle,"
-            f" {format_mm(paths.range_mm[0])}"
-        )
-    return doubts
-
-
-def _hairlines(done: list[Layer], pixel_mm: tuple[float, float]) -> list[str]:
-    """A word about what is thinner than a pixel."""
-    at = [layer.z_mm[0] for layer in done if layer.hairline_px]
-    if not at:
-        return []
-    return [
-        f"thinner than a pixel of {format_mm(min(pixel_mm))} in {counted(len(at), 'layer')}, the first at"
-        f" z = {at[0]:.3f} mm: drawn one pixel wide, then as wide as the feature"
-    ]
-
-
-def _sheets(done: list[Layer]) -> list[str]:
-    """A word about what is thinner than a layer."""
-    words = []
-    thin = [layer for layer in done if layer.sheet_px]
-    # Feather edges of slopes reach a quarter of a layer here and there; a sheet is more than a pixel in a thousand.
-    thin = [layer for layer in thin if layer.change is None or layer.sheet_px * 1000 > layer.change.solid_px]
-    if thin:
-        bottom, top = thin[0].z_mm
-        words.append(
-            f"thinner than a layer of {format_mm(top - bottom)} in {counted(len(thin), 'layer')}, the first at"
-            f" z = {bottom:.3f} mm: drawn one layer thick"
-        )
-    lost = [layer for layer in done if layer.sheets_lost]
-    if lost:
-        number = sum(layer.sheets_lost for layer in lost)
-        words.append(
-            f"{counted(number, 'part')} thinner than a quarter of a layer left out, in {counted(len(lost), 'layer')},"
-            f" the first at z = {lost[0].z_mm[0]:.3f} mm"
-        )
-    return words
-
-
-def _dimmed(done: list[Layer]) -> list[str]:
-    """A word about dimmed interiors."""
-    at = [layer.z_mm[0] for layer in done if layer.dimmed_px]
-    if not at:
-        return []
-    return [
-        f"dimmed inside in {counted(len(at), 'layer')}, the first at z = {at[0]:.3f} mm: a pattern, left as it is"
-    ]
-
-
-def _raised(done: list[Layer]) -> list[str]:
-    """A word about what was of too few layers."""
-    at = [layer.z_mm[0] for layer in done if layer.raised_px]
-    return [f"raised to the fewest layers asked for in {counted(len(at), 'layer')}, the first at"
-            f" z = {at[0]:.3f} mm"] if at else []  # fmt: skip
-
-
-def _specks(done: list[Layer]) -> list[str]:
-    """A word about what was too small to be corrected, as asked."""
-    at = [layer.z_mm[0] for layer in done if layer.change is not None and layer.change.ignored_px]
-    return [f"specks left as they are in {counted(len(at), 'layer')}, the first at z = {at[0]:.3f} mm"] if at else []
-
-
-def _told_of(topology: tuple[TopologyChange, ...]) -> list[str]:
-    """What grew together, what closed, what was closed off: how much, and the three worst places."""
-    words = []
-    for kind, one, many in (
-        ("merged", "part grew together with another", "parts grew together"),
-        ("closed", "hole closed", "holes closed"),
-        ("enclosed", "gap closed at its mouth or across", "gaps closed at their mouths or across"),
-        ("split", "part fell apart", "parts fell apart"),
-    ):
-        found = [change for change in topology if change.kind == kind]
-        if found:
-            heights = len({change.z_mm for change in found})
-            number = sum(change.count - (kind != "merged") if change.count > 1 else 1 for change in found)
-            into = f" into {len(found)}" if kind == "merged" else ""
-            what = f"{number} {one if number == 1 else many}{into}"
-            words.append(f"{what}, in {counted(heights, 'layer')}; the largest: {_places(found)}")
-    return words
-
-
-def _conflicts(conflicts: tuple[Conflict, ...], min_feature_mm: float) -> list[str]:
-    """What stays under the feature for what is kept free: how much, and the three narrowest places."""
-    thin = [one for one in conflicts if one.width_mm < min_feature_mm * 0.95]
-    if not thin:
-        return []
-    heights = len({one.z_mm for one in thin})
-    return [
-        f"{counted(len(thin), 'place')} under {format_mm(min_feature_mm)} for what is kept free, in"
-        f" {counted(heights, 'layer')}; the narrowest about {format_mm(round(thin[0].width_mm, 3))}: {_places(thin)}"
-    ]
-
-
-def _places(changes: Sequence[TopologyChange | Conflict]) -> str:
-    """The three largest, in three places of the layers."""
-    places: dict[tuple[float, ...], str] = {}
-    for one in changes:
-        left, bottom, right, top = (f"{value:.2f}" for value in one.box_mm)
-        z = f"{one.z_mm[0]:.3f}"
-        places.setdefault(one.box_mm, f"x {left} to {right}, y {bottom} to {top}, from z = {z} mm")
-    return "; ".join([*places.values()][:3])
-
-
-def _empty_layers(done: list[Layer]) -> list[str]:
-    """A word about layers without anything between others that have something."""
-    solid = [layer.change is None or layer.change.solid_px > 0 for layer in done]
-    return empty_between(solid, [layer.z_mm for layer in done])
