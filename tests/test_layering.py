@@ -22,7 +22,7 @@ FLOORS = {
     3: ("outlines", "fdm", "draw", "samples"),
     4: ("formats",),
     6: ("commands",),
-    7: ("cli_types", "cli", "__main__"),
+    7: ("cli", "__main__"),
 }
 FLOOR_OF = {name: floor for floor, names in FLOORS.items() for name in names}
 

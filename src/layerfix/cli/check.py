@@ -1,0 +1,56 @@
+"""``layerfix check``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+import cloup
+
+from layerfix.cli.shared import FRAME, JSON, MESH, PRINTER, WORKERS, kernels_ready, options_from, progress, rows_text
+from layerfix.cli.types import Length
+from layerfix.errors import InputError
+
+
+@cloup.command()
+@cloup.argument("source", metavar="IN", type=cloup.Path(path_type=Path))
+@cloup.option_group(
+    "Printer and correction",
+    PRINTER,
+    cloup.option("--min-feature", "min_feature_mm", type=Length(), help="Smallest dot or bead it makes: 0.4mm."),
+    cloup.option("--mode", type=cloup.Choice(["as_printed", "add_only"]), help="How it would be corrected."),
+)
+@cloup.option_group("Pixels and layers (of a mesh, or of images that do not say)", *FRAME)
+@cloup.option_group("A mesh as IN", *MESH)
+@cloup.option_group(
+    "Running",
+    cloup.option("--markdown", is_flag=True, help="Print a table for a pull request."),
+    WORKERS,
+    JSON,
+)
+def check(source: Path, printer: str | None, as_json: bool, markdown: bool, **given: Any) -> None:
+    """Say what the printer would lose of IN, and where; nothing is written.
+
+    IN is a mesh, a resin job or PNG images, as in `layerfix fix`. Ends with 1 if something would be lost, with 0 if
+    not, with 2 if it cannot be read.
+
+    \b
+    Examples:
+      layerfix check part.stl -p prusa-mk3s-0.4
+      layerfix check job.sl1 --min-feature 0.15mm --json
+    """
+    if as_json and markdown:
+        raise InputError("--json and --markdown: one of the two")
+    with kernels_ready():
+        from layerfix.commands import check as commands
+    with progress(f"checking {source.name}") as shown:
+        verdict = commands.check(source, options_from(printer, given), shown)
+    if as_json:
+        click.echo(json.dumps(asdict(verdict)))
+    else:
+        click.echo(commands.markdown_of(verdict) if markdown else rows_text(commands.lines_of(verdict)))
+    if not verdict.ok:
+        raise click.exceptions.Exit(1)

@@ -1,0 +1,134 @@
+"""Options that several commands take, and how commands show that they are at work and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+import cloup
+
+from layerfix.cli.types import Length, Pitch, Scale
+from layerfix.units import format_mm
+
+if TYPE_CHECKING:
+    from layerfix.commands.fix import Summary
+    from layerfix.commands.options import Options
+
+PRINTER = cloup.option("-p", "--printer", metavar="NAME", help="A printer of `layerfix printers`, or your own .toml.")
+FRAME = (
+    cloup.option("--pixel", "pixel_mm", type=Pitch(), help="Pixel pitch: 50um, or 19umx24um."),
+    cloup.option("--layer", "layer_mm", type=Length(), help="Layer height: 0.05mm."),
+    cloup.option("--first-layer", "first_layer_mm", type=Length(), help="Height of the first layer, if it differs."),
+)
+MESH = (
+    cloup.option("--unit", help="What one unit of the mesh is: mm, in, m … [default: as the file says, else mm]"),
+    cloup.option("--scale", type=Scale(), help="Make the part so many times as large: 1:87, 50%, 2."),
+)
+WORKERS = cloup.option("--workers", type=cloup.IntRange(1), help="Threads. [default: one per core]")
+FORCE = cloup.option("--force", is_flag=True, help="Replace outputs that exist.")
+JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+
+
+def options_from(printer: str | None, given: dict[str, Any]) -> Options:
+    """What was given, sorted by whom it belongs to."""
+    from layerfix.commands.options import options_of
+    from layerfix.printers import load_printer
+
+    if given.get("bits"):
+        given["bits"] = int(given["bits"])
+    return options_of(load_printer(printer) if printer else None, given)
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar with the time left on a terminal; nothing in a pipe."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    stopped = click.get_current_context().obj
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=None)
+
+        def show(done: int, total: int) -> None:
+            _abort_if(stopped)
+            bar.update(task, description=what, completed=done, total=total)
+
+        if not console.is_terminal:
+            yield show
+            return
+        from layerfix.kernels import compiling_told
+
+        with compiling_told(lambda _: bar.update(task, description="compiling kernels (once) …")):
+            yield show
+
+
+@contextmanager
+def kernels_ready() -> Iterator[None]:
+    """Say so if the block takes long: the first run on a machine compiles the kernels and keeps them."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    stopped = click.get_current_context().obj
+    if not console.is_terminal:
+        yield
+        _abort_if(stopped)
+        return
+    import threading
+
+    status = console.status("compiling the kernels for this machine (once, up to a minute) …")
+    timer = threading.Timer(1.5, status.start)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        status.stop()
+    _abort_if(stopped)
+
+
+def _abort_if(stopped: list[int] | None) -> None:
+    """End the command if a signal came whose exception a library swallowed."""
+    if stopped:
+        raise click.Abort
+
+
+def summary_table(s: Summary) -> str:
+    """The few lines a user wants to see."""
+    rows = [
+        ("layers", f"{s.layers} of {s.size_px[0]} × {s.size_px[1]} px"),
+        ("changed", f"{s.layers_changed} ({s.mode}, minimum feature {format_mm(s.min_feature_mm)})"),
+        ("thinnest", "nothing was too thin" if s.thinnest_mm is None
+         else f"{_thinnest(s)} at z = {s.thinnest_z_mm:.3f} mm"),
+        ("added", f"{s.added_mm3:.4g} mm³ ({s.added_percent:.3g} %)"),
+        ("removed", f"{s.removed_mm3:.4g} mm³ ({s.removed_percent:.3g} %)"),
+        ("time", f"{s.seconds:.2f} s"),
+    ]  # fmt: skip
+    if s.layers_with_gaps:
+        rows.insert(
+            1,
+            (
+                "open mesh",
+                f"gaps closed in {s.layers_with_gaps} layers, the longest {format_mm(s.longest_gap_mm)}",
+            ),
+        )
+    rows += [("note", note) for note in s.notes]
+    rows.append(("written", s.target))
+    return rows_text(rows)
+
+
+def _thinnest(s: Summary) -> str:
+    """With its precision, which is half a pixel."""
+    assert s.thinnest_mm is not None
+    if s.hairline_layers and s.thinnest_mm <= min(s.pixel_mm) * 1.01:
+        return f"under {format_mm(min(s.pixel_mm))}"
+    return f"{format_mm(round(s.thinnest_mm, 4))} (± {format_mm(max(s.pixel_mm) / 2)})"
+
+
+def rows_text(rows: Sequence[tuple[str, str]]) -> str:
+    width = max(10, *(len(name) + 1 for name, _ in rows))
+    return "\n".join(f"{name:{width}}{value}" for name, value in rows)
