@@ -73,7 +73,7 @@ def spoken(path: Path) -> set[str]:
     silent: set[int] = set()
     for node in ast.walk(tree):
         is_doc = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        if is_doc and path.name != "cli.py":
+        if is_doc and path.parent.name != "cli":
             silent.add(id(node.value))
     strings = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in silent]
     return {sign for text in strings if isinstance(text, str) for sign in text if not sign.isascii()}
