@@ -63,7 +63,7 @@ def check(
     """Judge `source` at the minimum feature. Raises InputError as `fix` does; nothing is written."""
     check_input(source)
     stack = open_stack(source, options).with_workers(options.run.workers)
-    min_feature_mm = min_feature_of(options)
+    min_feature_mm = min_feature_of(options, source, stack)
     mode = options.correction.mode or usual_mode(options.printer, stack)
     spurs = options.correction.spurs or "metric"
     layers = []
