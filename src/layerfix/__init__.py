@@ -28,6 +28,7 @@ _HOME = {
     "TopologyChange": "layers.topology",
     "Contours": "outlines.contours",
     "trace_contours": "outlines.contours",
+    "surface_mesh": "surface.kinds",
     "plan_toolpaths": "fdm.toolpaths",
     "settings_for": "fdm.settings",
     "suggest_widths": "layers.widths",
@@ -66,6 +67,7 @@ __all__ = [
     "slice_like",
     "slice_mesh",
     "suggest_widths",
+    "surface_mesh",
     "trace_contours",
     "unpack",
     "write",
@@ -90,6 +92,7 @@ if TYPE_CHECKING:
     from layerfix.outlines.contours import Contours, trace_contours
     from layerfix.printers import Printer, load_printer
     from layerfix.stack import Layer, LayerStack
+    from layerfix.surface.kinds import surface_mesh
 
 
 else:  # hidden from type checkers, to which every name would be an attribute

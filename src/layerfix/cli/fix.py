@@ -104,12 +104,28 @@ from layerfix.cli.types import Area, Length, Percent, Range
 )
 @cloup.option_group("PNG images as OUT", cloup.option("--bits", type=cloup.Choice(["1", "8"]), help="[default: 8]"))
 @cloup.option_group(
-    "Outlines or a mesh as OUT (.svg .geojson .cli .stl .3mf)",
+    "A mesh as OUT (.stl .3mf .obj .ply .glb)",
+    cloup.option(
+        "--surface",
+        type=cloup.Choice(["smooth", "voxels", "layers"]),
+        help="smooth: IN with what was thin thicker, its own facets elsewhere; voxels: the boundary of the pixels;"
+        " layers: outlines, one on the other. [default: smooth of a mesh, else layers]",
+    ),
+    cloup.option("--smooth", is_flag=True, default=None, help="Voxels without stairs; no pixel changes."),
+    cloup.option(
+        "--only-changes",
+        is_flag=True,
+        default=None,
+        help="Only what was added (red) and removed (blue), for .3mf, .ply and .glb.",
+    ),
+)
+@cloup.option_group(
+    "Outlines or a mesh as OUT (.svg .geojson .cli, and meshes)",
     cloup.option(
         "--tolerance",
         "tolerance_mm",
         type=Length(),
-        help="How far simplification may move outlines. [default: half a pixel]",
+        help="How far simplification may move outlines and surfaces. [default: half a pixel; of voxels nothing]",
     ),
     cloup.option("--ascii", is_flag=True, default=None, help="Text instead of binary, for .cli."),
 )
@@ -134,8 +150,8 @@ def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given:
 
     IN is a mesh (.stl .obj .ply .off .3mf .glb .gltf), a resin job (.sl1 .sl1s .m1 .goo .ctb .photon .cbddlp
     .nanodlp .cws, Chitubox .zip), or PNG images (a folder, .zip or .png). OUT is a job of the same kind as IN; a
-    new .sl1, .sl1s or .goo; a folder (no suffix) or .zip of PNG images; .gcode; a .3mf or .stl mesh of the
-    corrected layers for any slicer; or their outlines as .svg, .geojson or .cli. `layerfix formats` lists them all.
+    new .sl1, .sl1s or .goo; a folder (no suffix) or .zip of PNG images; .gcode; a mesh for any slicer or service
+    (.stl .3mf .obj .ply .glb); or their outlines as .svg, .geojson or .cli. `layerfix formats` lists them all.
 
     \b
     Examples:

@@ -130,5 +130,6 @@ def _thinnest(s: Summary) -> str:
 
 
 def rows_text(rows: Sequence[tuple[str, str]]) -> str:
+    """Names and values in two columns."""
     width = max(10, *(len(name) + 1 for name, _ in rows))
     return "\n".join(f"{name:{width}}{value}" for name, value in rows)

@@ -36,7 +36,7 @@ from layerfix.formats import (
 from layerfix.layers.correction import correct
 from layerfix.layers.feature import check_feature_mm
 from layerfix.mesh.empty import empty_ends, told_of_ends
-from layerfix.mesh.slicing import slice_like, slice_mesh
+from layerfix.mesh.slicing import slice_like, slice_mesh, sliced_mesh
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
+    from layerfix.surface.kinds import Kind
 
 
 QUARTER_TURN = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
@@ -99,7 +100,8 @@ def fix(
     stack, turned = _opened(source, _antialiased(source, target, options))
     check_options(target, options.output, find_writer(target, stack).takes, flag)
     min_feature_mm = min_feature_of(options)
-    mode = options.correction.mode or usual_mode(options.printer, stack)
+    surface = _surface(target, stack, options)
+    mode = _mode(target, stack, surface, options)
     if options.run.layers is not None:
         stack = _chosen(source, stack, options.run.layers)
     tolerance_mm = options.output.get("tolerance_mm")
@@ -131,12 +133,42 @@ def fix(
         progress(index + 1, len(fixed))
 
     run = options.run
-    write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, **options.output)
+    output = dict(options.output) if surface is None else {**options.output, "surface": surface}
+    write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, advance=progress, **output)
     summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
     if run.picture:
         with already_written(target):
             draw_layer(stack, fixed, summary.most_changed_layer, run.picture, force=run.force)
     return summary
+
+
+def _surface(target: Path, stack: LayerStack, options: Options) -> Kind | None:
+    """Which surface a target is written as; None if it is none. Raises InputError for one that cannot be."""
+    if "surface" not in options_for_layers(target):
+        return None
+    given, output, how = options.output.get("surface"), options.output, options.correction
+    if given is None and (output.get("smooth") or output.get("only_changes")):
+        return "voxels"
+    to_the_pixel = how.keep_gaps_mm is not None or how.keep_out is not None or (how.min_layers or 1) > 1
+    mesh = sliced_mesh(stack)
+    if given is None:
+        taken = how.mode == "as_printed" or to_the_pixel or options.run.layers is not None
+        return "layers" if mesh is None or mesh.is_clipped or taken else "smooth"
+    if given == "smooth" and to_the_pixel:
+        raise InputError("--surface smooth: what is kept free or raised is so to the pixel; take --surface voxels")
+    if given == "smooth" and options.run.layers is not None:
+        raise InputError("--surface smooth is of all layers; take --surface voxels for some")
+    kind: Kind = given
+    return kind
+
+
+def _mode(target: Path, stack: LayerStack, surface: Kind | None, options: Options) -> Mode:
+    """The user's, else add_only for what keeps the input's facets, else the printer's."""
+    if surface != "smooth":
+        return options.correction.mode or usual_mode(options.printer, stack)
+    if options.correction.mode == "as_printed":
+        raise InputError(f"{target}: a smooth surface only adds to the mesh; --surface voxels rounds corners, too")
+    return "add_only"
 
 
 def _antialiased(source: Path, target: Path, options: Options) -> Options:

@@ -216,24 +216,49 @@ def slice_mesh(
     return LayerStack(width, height, pitch, z_mm, make, origin, notes=mesh.notes)
 
 
-def slice_like(mesh: Mesh, stack: LayerStack, *, fill: Fill = "nonzero") -> LayerStack:
+def slice_like(
+    mesh: Mesh,
+    stack: LayerStack,
+    *,
+    fill: Fill = "nonzero",
+    hairlines: bool = False,
+    z_sampling: Literal["rescue", "middle"] = "middle",
+) -> LayerStack:
     """Cut a mesh into the layers and pixels of another stack: a bore to be kept free, say, for `correct`.
 
     If that stack was sliced from a mesh, both have the same origin; otherwise z = 0 is the plate, and x and y are the
-    stack's. What lies outside the frame is cut off. Raises InputError for a part without thickness.
+    stack's. What lies outside the frame is cut off. Other arguments as in `slice_mesh`. Raises InputError for a part
+    without thickness.
     """
     if fill not in FILLS:
         raise InputError(f"fill='{fill}' is not known; choose from {', '.join(FILLS)}")
     if min(mesh.size_mm) <= 0:
         raise InputError(f"{mesh.name}: the part is {' × '.join(f'{s:.4g}' for s in mesh.size_mm)} mm; it is flat")
+    lowest_mm = plate_mm(stack)
+    shape = stack.height, words_for(stack.width)
+    grid = _Grid(stack.pixel_mm, stack.origin_mm, shape, stack.width, lowest_mm, stack.z_mm)
+    make = _sliced(mesh, grid, FILLS[fill], hairlines, z_sampling, False, None)
+    return LayerStack(stack.width, stack.height, stack.pixel_mm, stack.z_mm, make, stack.origin_mm, notes=mesh.notes)
+
+
+def plate_mm(stack: LayerStack) -> float:
+    """The z, in the coordinates of the mesh that was sliced, that is 0 in the stack; 0 if it was not sliced."""
+    sliced = _slicing_of(stack)
+    return 0.0 if sliced is None else sliced.grid.lowest_mm
+
+
+def sliced_mesh(stack: LayerStack) -> Mesh | None:
+    """The mesh that the layers of a stack were cut from, whatever was done to them since; None if they were not."""
+    sliced = _slicing_of(stack)
+    mesh: Mesh | None = None if sliced is None else sliced.how[0]
+    return mesh
+
+
+def _slicing_of(stack: LayerStack) -> _Sliced | None:
     make: Any = stack.make
     while not isinstance(make, _Sliced) and hasattr(make, "make"):
         make = make.make
-    lowest_mm = make.grid.lowest_mm if isinstance(make, _Sliced) else 0.0
-    shape = stack.height, words_for(stack.width)
-    grid = _Grid(stack.pixel_mm, stack.origin_mm, shape, stack.width, lowest_mm, stack.z_mm)
-    make = _sliced(mesh, grid, FILLS[fill], False, "middle", False, None)
-    return LayerStack(stack.width, stack.height, stack.pixel_mm, stack.z_mm, make, stack.origin_mm, notes=mesh.notes)
+    return make if isinstance(make, _Sliced) else None
 
 
 @dataclass(frozen=True, eq=False)
