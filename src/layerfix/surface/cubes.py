@@ -12,6 +12,7 @@ checkerboards.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -114,6 +115,7 @@ def _triangulated(loop: list[int]) -> list[tuple[int, int, int]]:
     return found
 
 
+@cache
 def cell_table() -> NDArray[np.int8]:
     """(256, 16): of each pattern of solid corners (bit n is corner n) the number of triangles, and their edges."""
     table = np.zeros((256, 16), np.int8)
