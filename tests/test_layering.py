@@ -21,6 +21,7 @@ FLOORS = {
     2: ("layers", "mesh"),
     3: ("outlines", "fdm", "surface", "draw", "samples"),
     4: ("formats",),
+    5: ("report",),
     6: ("commands",),
     7: ("cli", "__main__"),
 }

@@ -218,7 +218,8 @@ def test_an_open_mesh_gets_its_bodies_as_shells(corrected, tmp_path):
         mode="add_only",
     )
     told: list[str] = []
-    lf.write(tmp_path / "torn.stl", fixed, tell=told.append)
+    assert kinds.usual_kind(fixed) == "layers"
+    lf.write(tmp_path / "torn.stl", fixed, tell=told.append, surface="smooth")
     assert told == [
         "torn is no closed surface: 1 bodies were put beside its facets as shells of their own, which slicers unite;"
         " --surface voxels makes one closed surface of all"

@@ -141,6 +141,7 @@ from layerfix.cli.types import Area, Length, Percent, Range
     "Running",
     cloup.option("--layers", type=Range(), help="Only these layers, counted from 0: 12, or 10:20."),
     cloup.option("--picture", type=cloup.Path(path_type=Path), help="Also draw the most changed layer (.png)."),
+    cloup.option("--report", type=cloup.Path(path_type=Path), help="Also write a page to look at (.html)."),
     WORKERS,
     FORCE,
     JSON,

@@ -97,7 +97,7 @@ def fix(
     check_before(target, options.printer)
     check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
-    stack, turned = _opened(source, _antialiased(source, target, options))
+    stack, turned = opened(source, _antialiased(source, target, options))
     check_options(target, options.output, find_writer(target, stack).takes, flag)
     min_feature_mm = min_feature_of(options)
     surface = _surface(target, stack, options)
@@ -110,22 +110,8 @@ def fix(
             f"tolerance {format_mm(tolerance_mm)} is larger than the minimum feature of"
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
-    keep_out = _keep_out(stack, turned, options)
     told = doubts(tolerance_mm, paths, min_feature_mm)
-    spurs = options.correction.spurs or "metric"
-    first_mm = options.correction.first_layer_min_feature_mm if not (options.run.layers or (0,))[0] else None
-    fixed = correct(
-        stack,
-        min_feature_mm=min_feature_mm if first_mm is None else [first_mm, *[min_feature_mm] * (len(stack) - 1)],
-        mode=mode,
-        spurs=spurs,
-        ignore_below_mm2=options.correction.ignore_below_mm2 or 0.0,
-        ignore_specks=bool(options.correction.ignore_specks),
-        keep_gaps_mm=options.correction.keep_gaps_mm,
-        keep_out=keep_out,
-        grow=options.correction.grow or "both",
-        min_layers=options.correction.min_layers or 1,
-    ).with_workers(options.run.workers)
+    fixed = as_asked(stack, turned, mode, options)
     done: list[Layer] = []
 
     def watch(index: int, layer: Layer) -> None:
@@ -136,10 +122,33 @@ def fix(
     output = dict(options.output) if surface is None else {**options.output, "surface": surface}
     write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, advance=progress, **output)
     summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
+    if run.report:
+        from layerfix.commands.report import report_on
+
+        with already_written(target):
+            report_on(source, stack, fixed, run.report, options, mode, progress=progress)
     if run.picture:
         with already_written(target):
             draw_layer(stack, fixed, summary.most_changed_layer, run.picture, force=run.force)
     return summary
+
+
+def as_asked(stack: LayerStack, turned: bool, mode: Mode, options: Options) -> LayerStack:
+    """The layers corrected as the options say. Raises InputError as `correct` does."""
+    how, min_feature_mm = options.correction, min_feature_of(options)
+    first_mm = how.first_layer_min_feature_mm if not (options.run.layers or (0,))[0] else None
+    return correct(
+        stack,
+        min_feature_mm=min_feature_mm if first_mm is None else [first_mm, *[min_feature_mm] * (len(stack) - 1)],
+        mode=mode,
+        spurs=how.spurs or "metric",
+        ignore_below_mm2=how.ignore_below_mm2 or 0.0,
+        ignore_specks=bool(how.ignore_specks),
+        keep_gaps_mm=how.keep_gaps_mm,
+        keep_out=_keep_out(stack, turned, options),
+        grow=how.grow or "both",
+        min_layers=how.min_layers or 1,
+    ).with_workers(options.run.workers)
 
 
 def _surface(target: Path, stack: LayerStack, options: Options) -> Kind | None:
@@ -150,10 +159,12 @@ def _surface(target: Path, stack: LayerStack, options: Options) -> Kind | None:
     if given is None and (output.get("smooth") or output.get("only_changes")):
         return "voxels"
     to_the_pixel = how.keep_gaps_mm is not None or how.keep_out is not None or (how.min_layers or 1) > 1
-    mesh = sliced_mesh(stack)
     if given is None:
+        from layerfix.surface.kinds import is_closed
+
+        mesh = sliced_mesh(stack)
         taken = how.mode == "as_printed" or to_the_pixel or options.run.layers is not None
-        return "layers" if mesh is None or mesh.is_clipped or taken else "smooth"
+        return "layers" if mesh is None or taken or not is_closed(mesh) else "smooth"
     if given == "smooth" and to_the_pixel:
         raise InputError("--surface smooth: what is kept free or raised is so to the pixel; take --surface voxels")
     if given == "smooth" and options.run.layers is not None:
@@ -189,10 +200,10 @@ def open_stack(source: Path, options: Options) -> LayerStack:
 
     Raises InputError for options that go with the other.
     """
-    return _opened(source, options)[0]
+    return opened(source, options)[0]
 
 
-def _opened(source: Path, options: Options) -> tuple[LayerStack, bool]:
+def opened(source: Path, options: Options) -> tuple[LayerStack, bool]:
     """(layers; whether they are of a mesh that was turned)."""
     found, _ = find_format(source)
     if found.mesh is not None:
@@ -275,6 +286,8 @@ def _check_paths(source: Path, target: Path, options: Options) -> None:
     check_apart(target, source)
     check_target(target, force=options.run.force)
     picture = options.run.picture
+    if options.run.report:
+        check_page(options.run.report, source, target, force=options.run.force)
     if picture:
         if picture.suffix.lower() != ".png":
             raise OutputError(f"{picture}: the picture is written as PNG; call it .png")
@@ -284,6 +297,18 @@ def _check_paths(source: Path, target: Path, options: Options) -> None:
         if picture.is_dir():
             raise OutputError(f"{picture}: is a folder; the picture is a file")
         check_target(picture, force=options.run.force)
+
+
+def check_page(page: Path, source: Path, target: Path | None, *, force: bool) -> None:
+    """Raises OutputError for a report that is not .html, or is where something else is."""
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise OutputError(f"{page}: the report is a page; call it .html")
+    check_apart(page, source)
+    if target is not None and (page.absolute() == target.absolute() or target.absolute() in page.absolute().parents):
+        raise OutputError(f"{page}: is where the output goes; choose another place for the report")
+    if page.is_dir():
+        raise OutputError(f"{page}: is a folder; the report is a file")
+    check_target(page, force=force)
 
 
 def _chosen(source: Path, stack: LayerStack, layers: tuple[int, int]) -> LayerStack:

@@ -72,6 +72,7 @@ class Run:
     force: bool = False
     layers: tuple[int, int] | None = None
     picture: Path | None = None
+    report: Path | None = None
 
 
 @dataclass(frozen=True)

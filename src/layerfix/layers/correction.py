@@ -387,6 +387,19 @@ def why_not_elsewhere(fixed: LayerStack) -> str:
     return ""
 
 
+def telling_paths(fixed: LayerStack) -> LayerStack:
+    """The same layers, whose changes also tell where F was drawn; others than those of `correct` as they are."""
+    if _correction_of(fixed) is None:
+        return fixed
+
+    def telling(make: Any) -> Any:
+        if isinstance(getattr(make, "change", None), _Correction):
+            return replace(make, change=replace(make.change, keep_paths=True, room=Room()))
+        return replace(make, make=telling(make.make))
+
+    return replace(fixed, make=telling(fixed.make))
+
+
 def before(fixed: LayerStack) -> LayerStack:
     """The layers that `correct` was given. Raises InputError for layers that it did not make."""
     if _correction_of(fixed) is None:

@@ -126,7 +126,14 @@ def usual_kind(stack: LayerStack) -> Kind:
     from layerfix.layers.correction import why_not_elsewhere
 
     mesh = sliced_mesh(stack)
-    return "layers" if mesh is None or mesh.is_clipped or why_not_elsewhere(stack) else "smooth"
+    return "layers" if mesh is None or why_not_elsewhere(stack) or not is_closed(mesh) else "smooth"
+
+
+def is_closed(mesh: Mesh) -> bool:
+    """Whether all of a mesh is one closed 2-manifold, nothing cut out of it: then bodies can be united with it."""
+    from layerfix.surface.solids import solid_of, welded
+
+    return not mesh.is_clipped and solid_of(*welded(mesh)) is not None
 
 
 def _layers(stack: LayerStack, tolerance_mm: float | None, telling: Telling) -> Mesh:

@@ -17,7 +17,15 @@ from layerfix.layers.correction import corrected_like, why_not_elsewhere
 from layerfix.mesh.slicing import plate_mm, slice_like
 from layerfix.mesh.triangles import Mesh
 from layerfix.surface.bodies import body_of, drawn_places, tiles
-from layerfix.surface.solids import new_ident, simplified, solid_of, triangles_of, united, welded, without_pockets
+from layerfix.surface.solids import (
+    new_ident,
+    simplified,
+    solid_of,
+    triangles_of,
+    united,
+    whole_solid,
+    without_pockets,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -137,8 +145,7 @@ def _levelled(z_mm: NDArray[np.float64], mesh: Mesh, fine: LayerStack) -> NDArra
 
 def _joined(mesh: Mesh, bodies: list[manifold3d.Manifold], feature_mm: float) -> Smooth:
     ident = new_ident()
-    vertices, faces = welded(mesh)
-    whole = solid_of(vertices, faces, ident)
+    whole = whole_solid(mesh, ident)
     if not bodies:
         return Smooth(mesh, np.ones(len(mesh.faces), np.bool_), whole is not None, 0)
     if whole is None:

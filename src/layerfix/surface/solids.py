@@ -34,6 +34,20 @@ def solid_of(vertices: Floats, faces: Faces, ident: int | None = None) -> manifo
     return solid if solid.status() == manifold3d.Error.NoError else None
 
 
+def whole_solid(mesh: Mesh, ident: int | None = None) -> manifold3d.Manifold | None:
+    """The mesh as one solid whose shells do not cross each other; None if it is no closed 2-manifold.
+
+    Shells that overlap are united: slic3r 1.3 drops layers of others, and a union says what is inside.
+    """
+    solid = solid_of(*welded(mesh), ident)
+    if solid is None:
+        return None
+    shells = solid.decompose()
+    if len(shells) == 1 or any(shell.volume() <= 0 for shell in shells):
+        return solid
+    return united(shells)
+
+
 def new_ident() -> int:
     """A number that no other solid has."""
     return int(manifold3d.Manifold.reserve_ids(1))
