@@ -19,7 +19,8 @@ from layerfix.commands.notes import (
     told_of_specks,
     told_of_topology,
 )
-from layerfix.commands.options import Options, flag, refuse_given
+from layerfix.commands.options import Options, flag, min_feature_of, refuse_given
+from layerfix.commands.pages import check_page
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
 from layerfix.formats import (
@@ -123,7 +124,7 @@ def fix(
     write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, advance=progress, **output)
     summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
     if run.report:
-        from layerfix.commands.report import report_on
+        from layerfix.commands.pages import report_on
 
         with already_written(target):
             report_on(source, stack, fixed, run.report, options, mode, progress=progress)
@@ -299,18 +300,6 @@ def _check_paths(source: Path, target: Path, options: Options) -> None:
         check_target(picture, force=options.run.force)
 
 
-def check_page(page: Path, source: Path, target: Path | None, *, force: bool) -> None:
-    """Raises OutputError for a report that is not .html, or is where something else is."""
-    if page.suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"{page}: the report is a page; call it .html")
-    check_apart(page, source)
-    if target is not None and (page.absolute() == target.absolute() or target.absolute() in page.absolute().parents):
-        raise OutputError(f"{page}: is where the output goes; choose another place for the report")
-    if page.is_dir():
-        raise OutputError(f"{page}: is a folder; the report is a file")
-    check_target(page, force=force)
-
-
 def _chosen(source: Path, stack: LayerStack, layers: tuple[int, int]) -> LayerStack:
     first, stop = layers
     if not 0 <= first < min(stop, len(stack)):
@@ -323,15 +312,6 @@ def usual_mode(printer: Printer | None, stack: LayerStack) -> Mode:
     if printer:
         return printer.mode
     return "add_only" if stack.container is not None else "as_printed"
-
-
-def min_feature_of(options: Options) -> float:
-    """What was given, or the printer's. Raises InputError if there is neither."""
-    if options.correction.min_feature_mm is not None:
-        return options.correction.min_feature_mm
-    if options.printer is None:
-        raise InputError("no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer")
-    return options.printer.min_feature_mm
 
 
 def _fits_only_turned(mesh: Mesh, printer: Printer | None) -> bool:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from layerfix.commands.fix import as_asked, check_page, min_feature_of, opened, usual_mode
+from layerfix.commands.fix import as_asked, opened, usual_mode
+from layerfix.commands.options import min_feature_of
+from layerfix.commands.pages import check_page, report_on
 from layerfix.files import check_apart, check_input
 from layerfix.formats import find_format, read, read_mesh
-from layerfix.layers.correction import telling_paths
 from layerfix.layers.verdict import judge
 from layerfix.mesh.slicing import slice_like
-from layerfix.report.collect import About, check_alike, collect, file_facts
-from layerfix.report.page import write_page
-from layerfix.units import format_mm
+from layerfix.report.collect import check_alike
 
 if TYPE_CHECKING:
     from layerfix.commands.options import Options
@@ -70,32 +69,6 @@ def report(source: Path, fixed: Path | None, target: Path, options: Options, pro
                    time.perf_counter() - started)  # fmt: skip
 
 
-def report_on(
-    source: Path,
-    stack: LayerStack,
-    after: LayerStack,
-    target: Path,
-    options: Options,
-    mode: Mode,
-    *,
-    fixed: Path | None = None,
-    verdicts: Sequence[LayerVerdict] = (),
-    progress: Progress = _silent,
-) -> tuple[int, int, int]:
-    """Write the page of layers before and after; (layers, how many are in the page, places in its table)."""
-    asked = options.correction.min_feature_mm or (options.printer.min_feature_mm if options.printer else None)
-    about = About(
-        title=source.name,
-        inputs=tuple(file_facts(path) for path in (source, fixed) if path is not None),
-        settings=tuple(_settings(stack, options, mode if fixed is None else None)),
-        feature_mm=asked,
-        verdicts=tuple(verdicts),
-    )
-    found = collect(stack, telling_paths(after), about, progress)
-    write_page(target, found, force=options.run.force)
-    return len(stack), len(found.meta["layers"]["shown"]), len(found.meta["places"])
-
-
 def _judged(stack: LayerStack, options: Options, mode: Mode, progress: Progress) -> list[LayerVerdict]:
     verdicts = []
     spurs = options.correction.spurs or "metric"
@@ -116,25 +89,6 @@ def _other(path: Path, stack: LayerStack, options: Options) -> LayerStack:
     other = read(path, printer=options.printer, pixel_mm=stack.pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
                  **given)  # fmt: skip
     return other.with_workers(options.run.workers)
-
-
-def _settings(stack: LayerStack, options: Options, mode: Mode | None) -> list[tuple[str, str]]:
-    """What the result depends on."""
-    printer, how = options.printer, options.correction
-    rows = [("printer", f"{printer.maker} {printer.model} ({printer.name})")] if printer else []
-    if mode is not None:
-        rows += [("minimum feature", format_mm(min_feature_of(options))), ("mode", mode),
-                 ("spurs", how.spurs or "metric")]  # fmt: skip
-    x, y = stack.pixel_mm
-    rows.append(("pixels", format_mm(x) if x == y else f"{format_mm(x)} × {format_mm(y)}"))
-    heights = stack.z_mm[:, 1] - stack.z_mm[:, 0]
-    rows.append(("layers", f"{len(stack)} of {format_mm(float(heights[-1]))}"))
-    if abs(heights[0] - heights[-1]) > 1e-6:
-        rows.append(("first layer", format_mm(float(heights[0]))))
-    given = {name: value for name, value in asdict(how).items()
-             if value is not None and name not in ("min_feature_mm", "mode", "spurs")}  # fmt: skip
-    given |= {name: value for name, value in asdict(options.slicing).items() if value is not None}
-    return rows + [(name.removesuffix("_mm").replace("_", " "), str(value)) for name, value in given.items()]
 
 
 def lines_of(written: Written) -> list[tuple[str, str]]:

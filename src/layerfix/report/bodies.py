@@ -1,8 +1,8 @@
 """What the page's 3D view shows: the part, what was added, what was removed, each a small triangle mesh.
 
 Coordinates are steps of 1/8191 of the body's box; vertices come in the order in which triangles first name them, as
-differences, and a corner of a triangle as how far it is below the next new number. In byte planes and deflated that is
-a seventh of the same as 32-bit floats (docs/report.md has the format).
+differences, and a corner of a triangle as how far it is below the next new number. In byte planes and deflated that
+is a seventh of the same as 32-bit floats (docs/report.md has the format).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Layers as run lengths, small enough for a page: docs/report.md has the format.
 
 A layer is cut to the frame that all of them need, reduced if it is larger than a screen can use, and written as
-the lengths of its runs, empty and solid in turn, as varints; layers are deflated in chunks. On real parts that is half
-the size of packed rows, deflated, and a quarter of PNG.
+the lengths of its runs, empty and solid in turn, as varints; layers are deflated in chunks. On real parts that is
+half the size of packed rows, deflated, and a quarter of PNG.
 """
 
 from __future__ import annotations
