@@ -43,6 +43,7 @@ def report_on(
     *,
     fixed: Path | None = None,
     verdicts: Sequence[LayerVerdict] = (),
+    widths_mm: Sequence[float] = (),
     progress: Progress = lambda done, total: None,
 ) -> tuple[int, int, int]:
     """Write the page of layers before and after; (layers, how many are in the page, places in its table)."""
@@ -57,6 +58,7 @@ def report_on(
         settings=tuple(_settings(stack, options, mode if fixed is None else None)),
         feature_mm=asked,
         verdicts=tuple(verdicts),
+        widths_mm=tuple(widths_mm),
     )
     found = collect(stack, telling_paths(after), about, progress)
     write_page(target, found, force=options.run.force)

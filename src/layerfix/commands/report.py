@@ -14,6 +14,7 @@ from layerfix.commands.pages import check_page, report_on
 from layerfix.files import check_apart, check_input
 from layerfix.formats import find_format, read, read_mesh
 from layerfix.layers.verdict import judge
+from layerfix.layers.widths import suggest_widths
 from layerfix.mesh.slicing import slice_like
 from layerfix.report.collect import check_alike
 
@@ -60,11 +61,12 @@ def report(source: Path, fixed: Path | None, target: Path, options: Options, pro
     mode = options.correction.mode or usual_mode(options.printer, stack)
     if fixed is None:
         after = as_asked(stack, turned, mode, options)
-        verdicts = _judged(stack, options, mode, progress)
+        verdicts, widths_mm = _judged(stack, options, mode, progress), _widths(stack, options)
     else:
-        after, verdicts = _other(fixed, stack, options), []
+        after, verdicts, widths_mm = _other(fixed, stack, options), [], []
         check_alike(stack, after, (str(source), str(fixed)))
-    found = report_on(source, stack, after, target, options, mode, fixed=fixed, verdicts=verdicts, progress=progress)
+    found = report_on(source, stack, after, target, options, mode, fixed=fixed, verdicts=verdicts,
+                      widths_mm=widths_mm, progress=progress)  # fmt: skip
     return Written(str(source), str(fixed) if fixed else None, str(target), target.stat().st_size, *found,
                    time.perf_counter() - started)  # fmt: skip
 
@@ -76,6 +78,15 @@ def _judged(stack: LayerStack, options: Options, mode: Mode, progress: Progress)
         verdicts.append(verdict)
         progress(len(verdicts), len(stack))
     return verdicts
+
+
+def _widths(stack: LayerStack, options: Options) -> list[float]:
+    """Suggested extrusion widths, for a printer with a nozzle whose beads are wider than two pixels."""
+    settings = options.path_settings()
+    if settings is None or settings.range_mm[0] < 2 * max(stack.pixel_mm):
+        return []
+    found = suggest_widths(stack, min_mm=settings.range_mm[0], max_mm=settings.range_mm[1])
+    return [round(float(width), 4) for width in found.width_mm]
 
 
 def _other(path: Path, stack: LayerStack, options: Options) -> LayerStack:

@@ -47,6 +47,7 @@ class About:
     settings  (name, value) of what was asked for
     feature_mm  the minimum feature, if it is known
     verdicts  of `judge`, a layer each, if it was asked
+    widths_mm  suggested extrusion widths, a layer each, for printers with a nozzle
     notes     what was left out, and the like
     """
 
@@ -55,6 +56,7 @@ class About:
     settings: tuple[tuple[str, str], ...] = ()
     feature_mm: float | None = None
     verdicts: tuple[LayerVerdict, ...] = ()
+    widths_mm: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -159,6 +161,7 @@ def collect(
             "added_mm3": _rounded(added),
             "removed_mm3": _rounded(removed),
             "thinnest_mm": [c.thinnest_mm if c is not None else None for c in changes],
+            "width_mm": list(about.widths_mm) or None,
         },
         "places": places,
         "bodies": bodies,

@@ -69,7 +69,7 @@ export class View {
     const middle = this.box.getCenter(new Vector3()), size = this.box.getSize(new Vector3()).length() || 1;
     const way = new Vector3(...DIRECTIONS[name]).normalize();
     this.controls.target.copy(middle);
-    this.camera.position.copy(middle).addScaledVector(way, size * 1.9);
+    this.camera.position.copy(middle).addScaledVector(way, size * 1.5);
     this.camera.near = size / 500;
     this.camera.far = size * 20;
     this.controls.update();
