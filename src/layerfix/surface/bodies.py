@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -39,6 +40,7 @@ STEEPEST_PX = 1.0  # that φ falls from layer to layer, in a layer as high as a 
 LEVEL_PX = 2.0  # that it falls where the body ends level
 LIFT_PX = 0.25  # outwards: what smoothing and simplification take
 FAR_PX = 60.0  # where no path is near
+ALIKE_PX = 1e-3  # between layers that are the same but for rounding
 NEAR_PX = 4.0  # from the surface: further away, nothing can change sides
 
 FIELDS = types.Array(types.float32, 3, "C")
@@ -129,32 +131,51 @@ def _across(exact, blurred, slots, weights, steepest, lift, out):  # type: ignor
 def body_of(tile: Tile, radius_px: Floats, stack: LayerStack) -> VoxelSurface | None:
     """The body of a tile; None if none of it is left.
 
+    Layers that are alike are one, as high as all of them: upright walls have few triangles.
+
     radius_px  (layers,) of F, in pixels of the stack
     """
-    grid = grid_of(stack)
     x, y, w, h = tile.box
     count = len(tile.points)
-    steep = stack.heights_mm()[tile.first : tile.first + count] / min(stack.pixel_mm)
+    z_mm = stack.z_mm[tile.first : tile.first + count]
+    steep = (z_mm[:, 1] - z_mm[:, 0]) / min(stack.pixel_mm)
     far = np.full((h, w), -FAR_PX, np.float32)
     recent = deque([far, far], maxlen=2)
+    runs: list[list[int]] = []  # first and last of layers that are alike
 
     def layers() -> Iterator[NDArray[np.uint64]]:
-        for field in _smooth_fields(tile, radius_px[tile.first : tile.first + count], steep):
+        for k, field in enumerate(_smooth_fields(tile, radius_px[tile.first : tile.first + count], steep)):
+            if runs and _alike(field, recent[1]):
+                runs[-1][1] = k
+                continue
+            runs.append([k, k])
             recent.append(field)
             yield pack(field > 0)
 
     edges, faces, shares = [], [], []
     for n, patch in enumerate(march(layers(), (h, 0), w)):
-        if n >= count:
+        if n >= len(runs):
             recent.append(far)  # above the highest
+        beside = runs[max(n - 1, 0) : n + 1]
+        alone = all(first == last for first, last in beside)
+        level_px = LEVEL_PX * float(steep[beside[-1][0]]) if alone and beside else 0.0
         edges.append(patch.edges)
         faces.append(patch.faces)
-        shares.append(_at_zero(patch.edges, recent[0], recent[1], LEVEL_PX * float(steep[min(n, count - 1)])))
+        shares.append(_at_zero(patch.edges, recent[0], recent[1], level_px))
     found, triangles, at = np.concatenate(edges), np.concatenate(faces), np.concatenate(shares)
     if not len(triangles):
         return None
-    found += np.array([x, y, tile.first, 0], np.int32)
+    grid = grid_of(replace(stack, z_mm=np.array([(z_mm[first, 0], z_mm[last, 1]) for first, last in runs])))
+    found += np.array([x, y, 0, 0], np.int32)
     return VoxelSurface(found, np.where(np.isnan(at), grid.middle_shares(found), at), triangles, grid.centres)
+
+
+def _alike(field: Field, other: Field) -> bool:
+    """Whether two layers of φ have their zero at the same places."""
+    near = np.abs(other) < NEAR_PX
+    return (
+        np.array_equal(near, np.abs(field) < NEAR_PX) and float(np.abs(field - other)[near].max(initial=0)) < ALIKE_PX
+    )
 
 
 def _at_zero(edges: NDArray[np.int32], below: Field, above: Field, level_px: float) -> Floats:
