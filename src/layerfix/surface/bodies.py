@@ -141,16 +141,17 @@ def body_of(tile: Tile, radius_px: Floats, stack: LayerStack) -> VoxelSurface | 
     steep = (z_mm[:, 1] - z_mm[:, 0]) / min(stack.pixel_mm)
     far = np.full((h, w), -FAR_PX, np.float32)
     recent = deque([far, far], maxlen=2)
-    runs: list[list[int]] = []  # first and last of layers that are alike
+    runs: list[tuple[int, int]] = []  # first and last of layers that are alike
 
     def layers() -> Iterator[NDArray[np.uint64]]:
-        for k, field in enumerate(_smooth_fields(tile, radius_px[tile.first : tile.first + count], steep)):
-            if runs and _alike(field, recent[1]):
-                runs[-1][1] = k
-                continue
-            runs.append([k, k])
-            recent.append(field)
-            yield pack(field > 0)
+        fields = _smooth_fields(tile, radius_px[tile.first : tile.first + count], steep)
+        for first, last, field in _runs(fields):
+            # Both ends stay single: towards a level end, the surface of voxels tapers over half of its layer.
+            pieces = [(first, first), (first + 1, last - 1), (last, last)]
+            for piece in dict.fromkeys(piece for piece in pieces if piece[0] <= piece[1]):
+                runs.append(piece)
+                recent.append(field)
+                yield pack(field > 0)
 
     edges, faces, shares = [], [], []
     for n, patch in enumerate(march(layers(), (h, 0), w)):
@@ -168,6 +169,17 @@ def body_of(tile: Tile, radius_px: Floats, stack: LayerStack) -> VoxelSurface | 
     grid = grid_of(replace(stack, z_mm=np.array([(z_mm[first, 0], z_mm[last, 1]) for first, last in runs])))
     found += np.array([x, y, 0, 0], np.int32)
     return VoxelSurface(found, np.where(np.isnan(at), grid.middle_shares(found), at), triangles, grid.centres)
+
+
+def _runs(fields: Iterator[Field]) -> Iterator[tuple[int, int, Field]]:
+    """(first, last, φ) of layers that are alike, one after the other."""
+    first, held = 0, next(fields)
+    k = 0
+    for k, field in enumerate(fields, 1):
+        if not _alike(field, held):
+            yield first, k - 1, held
+            first, held = k, field
+    yield first, k, held
 
 
 def _alike(field: Field, other: Field) -> bool:
