@@ -463,9 +463,9 @@ def _layers(mesh: Mesh, layer_mm: float, first_layer_mm: float | None, z_samplin
     return layer_bounds_mm(count, layer_mm, first_layer_mm)
 
 
-def _cutter(mesh: Mesh, grid: _Grid, sound: bool = False) -> _Cutter:
+def _cutter(mesh: Mesh, grid: _Grid) -> _Cutter:
     z_mm = grid.z_mm
-    quantum = 10.0 ** (math.floor(math.log10(float((z_mm[:, 1] - z_mm[:, 0]).min()))) - 4)
+    quantum = _quantum(z_mm)
     points = np.empty_like(mesh.vertices)
     for start in range(0, len(points), CHUNK):
         vertices, out = mesh.vertices[start : start + CHUNK], points[start : start + CHUNK]
@@ -474,32 +474,31 @@ def _cutter(mesh: Mesh, grid: _Grid, sound: bool = False) -> _Cutter:
         out[:, :2] = np.round(out[:, :2] * SNAP_PER_PX) / SNAP_PER_PX
         out[:, 2] = np.round((vertices[:, 2] - grid.lowest_mm) / quantum)
     planes = np.round(z_mm.mean(axis=1) / quantum, 1)
-    faces, closed = mesh.faces, sound
-    if not sound:
-        faces = without_doubles(points, mesh.faces)
+    faces = without_doubles(points, mesh.faces)
+    closed = edges_balance(points, faces)
+    if not closed:
+        faces = orient(points, faces)
         closed = edges_balance(points, faces)
-        if not closed:
-            faces = orient(points, faces)
-            closed = edges_balance(points, faces)
     starts, chosen = bucket(points, faces, planes, SLAB_LAYERS)
     return _Cutter(points, faces, planes, z_mm / quantum, starts, chosen, closed)
 
 
-def cut_up(
+def pixels_and_planes(
     mesh: Mesh,
     *,
     pixel_mm: tuple[float, float],
     layer_mm: float,
     first_layer_mm: float | None,
     margin_mm: float,
-    sound: bool,
-) -> tuple[_Grid, _Cutter]:
-    """The pixels and layers that `slice_mesh` takes for a mesh without parts, and the mesh on them, ready to be cut:
-    for those who cut thousands of times and need no Layers.
-
-    sound  it is known that the mesh is closed, and that no triangle is there twice
-    """
+) -> tuple[int, int, tuple[float, float], NDArray[np.float64], float, NDArray[np.float64]]:
+    """(width, height, origin, layers' bounds, z quantum, mid-planes in quanta) that `slice_mesh` takes for a mesh: for
+    those who cut one thousands of times and need no Layers."""
     width, height, origin = _frame(mesh, pixel_mm, margin_mm, None)
     z_mm = _layers(mesh, layer_mm, first_layer_mm, "middle")
-    grid = _Grid(pixel_mm, origin, (height, words_for(width)), width, float(mesh.bounds_mm[0, 2]), z_mm)
-    return grid, _cutter(mesh, grid, sound)
+    quantum = _quantum(z_mm)
+    return width, height, origin, z_mm, quantum, np.round(z_mm.mean(axis=1) / quantum, 1)
+
+
+def _quantum(z_mm: NDArray[np.float64]) -> float:
+    """What z is counted in: a decimal fraction of the lowest layer."""
+    return float(10.0 ** (math.floor(math.log10(float((z_mm[:, 1] - z_mm[:, 0]).min()))) - 4))

@@ -31,7 +31,7 @@ from layerfix.layers.morphology import HALF_WIDTHS
 from layerfix.layers.skeleton import thin_anchored
 from layerfix.mesh.fill import fill
 from layerfix.mesh.pieces import small_pieces
-from layerfix.mesh.slicing import HEIGHTS, INDICES, POINTS, SLAB_LAYERS, STARTS, TRIANGLES, cut
+from layerfix.mesh.slicing import HEIGHTS, POINTS, SNAP_PER_PX, TRIANGLES, bucket, cut
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 IMAGES = types.Array(types.uint64, 3, "C")
 TABLE = types.Array(types.int64, 2, "C", readonly=True)
 NUMBERS = types.Array(types.int64, 1, "C", readonly=True)
+MATRIX = types.Array(types.float64, 2, "C")
+VECTOR = types.Array(types.float64, 1, "C", readonly=True)
 COUNTS = types.Array(types.int64, 2, "C")
 PLAN = types.Tuple((
     TABLE, NUMBERS, NUMBERS, TABLE, NUMBERS, TABLE, LENGTHS, NUMBERS,
@@ -78,6 +80,18 @@ def _thin_by_measure(columns, solid, anchor, scratch, plan, round_pixels, images
 
 
 @njit
+def _any_lost(solid, printed, copy):  # type: ignore[no-untyped-def]
+    """copy = solid; whether it has a pixel that is not in `printed`."""
+    lost = U0
+    for w in range(solid.shape[0]):
+        here, there, line = solid[w], printed[w], copy[w]
+        for y in range(here.shape[0]):
+            line[y] = here[y]
+            lost |= here[y] & ~there[y]
+    return lost != U0
+
+
+@njit
 def _compare(before, after, add_only, count):  # type: ignore[no-untyped-def]
     """Add solid, added and removed pixels of a layer to `count`."""
     for w in range(before.shape[0]):
@@ -92,18 +106,39 @@ def _compare(before, after, add_only, count):  # type: ignore[no-untyped-def]
                 count[2] += popcount(a & ~b)
 
 
-@njit(COUNTS(POINTS, TRIANGLES, STARTS, INDICES, HEIGHTS, STARTS, types.int64, types.int64, types.int64, TOOL, PLAN),
-      cache=True, nogil=True)  # fmt: skip
-def _count_layers(points, faces, slab_starts, slab_faces, planes, chosen, width, height, rule, tool, plan):  # type: ignore[no-untyped-def]
+@njit(types.void(POINTS, POINTS, VECTOR, MATRIX, MATRIX), cache=True, nogil=True)
+def stand(vertices, matrix, shift, out, bounds):  # type: ignore[no-untyped-def]
+    """out = vertices turned by a (3, 3) matrix and moved; bounds (2, 3): their lowest and highest corner."""
+    for k in range(3):
+        bounds[0, k], bounds[1, k] = np.inf, -np.inf
+    for v in range(vertices.shape[0]):
+        x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        for k in range(3):
+            value = x * matrix[k, 0] + y * matrix[k, 1] + z * matrix[k, 2] + shift[k]
+            out[v, k] = value
+            bounds[0, k] = min(bounds[0, k], value)
+            bounds[1, k] = max(bounds[1, k], value)
+
+
+@njit(types.void(MATRIX, VECTOR, types.float64, types.float64, types.float64, types.float64), cache=True, nogil=True)
+def snap(points, origin, pitch_x, pitch_y, lowest, quantum):  # type: ignore[no-untyped-def]
+    """Vertices in mm → columns and rows in steps of 1/1024 px, z in quanta, in place, as `layerfix.mesh.slicing` does."""
+    for v in range(points.shape[0]):
+        points[v, 0] = np.rint(((points[v, 0] - origin[0]) / pitch_x - 0.5) * SNAP_PER_PX) / SNAP_PER_PX
+        points[v, 1] = np.rint(((origin[1] - points[v, 1]) / pitch_y - 0.5) * SNAP_PER_PX) / SNAP_PER_PX
+        points[v, 2] = np.rint((points[v, 2] - lowest) / quantum)
+
+
+@njit(COUNTS(POINTS, TRIANGLES, HEIGHTS, types.int64, types.int64, types.int64, TOOL, PLAN), cache=True, nogil=True)
+def _count_layers(points, faces, planes, width, height, rule, tool, plan):  # type: ignore[no-untyped-def]
     half_widths, bx, by, reach_x, reach_y, rounds, by_size, add_only, metric, round_pixels = tool
-    counts = np.zeros((chosen.shape[0], 3), np.int64)
+    counts = np.zeros((planes.shape[0], 3), np.int64)
+    starts, crossed = bucket(points, faces, planes, 1)
     rows = np.empty((height, (width + 63) // 64), np.uint64)
     more = plan[0].shape[0] + 3 if metric else 0
     room, zeros = np.empty(0, np.uint64), np.empty(0, np.uint64)
-    for k in range(chosen.shape[0]):
-        slab = chosen[k] // SLAB_LAYERS
-        mine = slab_faces[slab_starts[slab] : slab_starts[slab + 1]]
-        segments = cut(points, faces, mine, planes[chosen[k]])
+    for k in range(planes.shape[0]):
+        segments = cut(points, faces, crossed[starts[k] : starts[k + 1]], planes[k])
         if segments.shape[0] == 0:
             continue
         for y in range(rows.shape[0]):
@@ -124,19 +159,17 @@ def _count_layers(points, faces, slab_starts, slab_faces, planes, chosen, width,
         fill_columns(rows, outer, solid)
         anchor_columns(solid, half_widths, bx, by, anchor, scratch[0])
         open_columns(anchor, half_widths, printed, scratch[0])
-        for w in range(words):
-            for y in range(tall):
-                skeleton[w, y] = solid[w, y]
-        if metric:
-            if zeros.shape[0] < more * size:
-                zeros = np.zeros(more * size * 5 // 4, np.uint64)
-            live = np.zeros((more, words, (tall - 2 + TILE - 1) // TILE), np.uint8)
-            _thin_by_measure(skeleton, solid, anchor, scratch, plan, round_pixels,
-                             zeros[: more * size].reshape(more, words, tall), live)  # fmt: skip
-        else:
-            thin_anchored(skeleton, anchor, rounds, scratch[0])
-        if find_paths(solid, skeleton, anchor, printed, half_widths, bx, by, by_size, paths):
-            draw_paths(paths, printed, half_widths, bx, by, scratch[0])
+        if _any_lost(solid, printed, skeleton) or not by_size:  # else no path is drawn, whatever the skeleton is
+            if metric:
+                if zeros.shape[0] < more * size:
+                    zeros = np.zeros(more * size * 5 // 4, np.uint64)
+                live = np.zeros((more, words, (tall - 2 + TILE - 1) // TILE), np.uint8)
+                _thin_by_measure(skeleton, solid, anchor, scratch, plan, round_pixels,
+                                 zeros[: more * size].reshape(more, words, tall), live)  # fmt: skip
+            else:
+                thin_anchored(skeleton, anchor, rounds, scratch[0])
+            if find_paths(solid, skeleton, anchor, printed, half_widths, bx, by, by_size, paths):
+                draw_paths(paths, printed, half_widths, bx, by, scratch[0])
         if small.shape[0] and missing_places(printed, small, outer[0], 64 * outer[2], scratch[1]):
             draw_paths(scratch[1], printed, half_widths, bx, by, scratch[0])
         _compare(solid, printed, add_only, counts[k])
@@ -168,20 +201,17 @@ def tool_of(feature: Feature, spurs: Spurs, add_only: bool) -> Tool:
 def count_layers(
     points: NDArray[np.float64],
     faces: NDArray[np.int32],
-    slabs: tuple[NDArray[np.int64], NDArray[np.int32]],
     planes: NDArray[np.float64],
-    chosen: NDArray[np.int64],
     size_px: tuple[int, int],
     rule: int,
     tool: Tool,
 ) -> NDArray[np.int64]:
-    """(n, 3): pixels that are solid, added and removed in each chosen layer of a closed mesh on the grid.
+    """(n, 3): pixels that are solid, added and removed in the layers of a closed mesh whose mid-planes these are.
 
-    points, faces, slabs, planes  of a `cut_up` mesh; chosen: (n,) layers; size_px: (width, height) of the frame, with
-    room for F round the part; rule: the winding rule of `layerfix.mesh.fill`
+    points   (v, 3) on the grid, as `snap` leaves them
+    planes   (n,) rising, in z quanta
+    size_px  (width, height) of the frame, which has room for F round the part
+    rule     the winding rule of `layerfix.mesh.fill`
     """
-    width, height = size_px
-    counts: NDArray[np.int64] = _count_layers(
-        points, faces, *slabs, planes, chosen, width, height, rule, tool.values, tool.plan
-    )
+    counts: NDArray[np.int64] = _count_layers(points, faces, planes, *size_px, rule, tool.values, tool.plan)
     return counts

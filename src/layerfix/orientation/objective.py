@@ -18,11 +18,11 @@ import numpy as np
 from layerfix.errors import InputError
 from layerfix.layers.correction import correct
 from layerfix.layers.feature import feature_of_mm
-from layerfix.mesh.closing import keys_balance
-from layerfix.mesh.doubles import any_doubles
-from layerfix.mesh.slicing import FILLS, cut_up, slice_mesh
+from layerfix.mesh.closing import edges_balance, keys_balance, orient
+from layerfix.mesh.doubles import any_doubles, without_doubles
+from layerfix.mesh.slicing import FILLS, pixels_and_planes, slice_mesh
 from layerfix.mesh.triangles import Mesh
-from layerfix.orientation.counting import Tool, count_layers, tool_of
+from layerfix.orientation.counting import Tool, count_layers, snap, stand, tool_of
 from layerfix.orientation.directions import AS_GIVEN, Pose
 
 if TYPE_CHECKING:
@@ -33,17 +33,17 @@ if TYPE_CHECKING:
     from layerfix.mesh.slicing import Fill
     from layerfix.stack import LayerStack
 
-CHUNK_LAYERS = 64  # between two looks at whether to stop
+CHUNK_LAYERS = 128  # between two looks at whether to stop
 FULL = 1 << 40  # more layers than any part has
 
 
 class Counts(NamedTuple):
-    """What correction changes in some layers of a pose.
+    """What correction changes in some layers of a pose, in pixels: whole numbers, so that their order does not matter.
 
-    seen, layers  how many layers were looked at, and how many there are
-    solid, added, removed  in pixels, the sums of the layers seen
-    solid_mm3, added_mm3, removed_mm3  the same as volumes
-    height_mm     of the part in this pose
+    seen, layers           how many layers were looked at, and how many there are; 0 of a part too low for any
+    solid, added, removed  sums over the layers seen
+    first                  the same three of the first layer, which may be of another height; zeros if it was not seen
+    height_mm              of the part in this pose
     """
 
     seen: int
@@ -51,15 +51,8 @@ class Counts(NamedTuple):
     solid: int
     added: int
     removed: int
-    solid_mm3: float
-    added_mm3: float
-    removed_mm3: float
+    first: tuple[int, int, int]
     height_mm: float
-
-    @property
-    def share(self) -> float:
-        """Of the layers that were seen."""
-        return self.seen / self.layers
 
     @property
     def whole(self) -> bool:
@@ -71,22 +64,16 @@ class Counts(NamedTuple):
         if self.whole:
             return self
         k = self.layers / max(self.seen, 1)
-        return self._replace(
-            seen=self.layers,
-            solid=round(self.solid * k),
-            added=round(self.added * k),
-            removed=round(self.removed * k),
-            solid_mm3=self.solid_mm3 * k,
-            added_mm3=self.added_mm3 * k,
-            removed_mm3=self.removed_mm3 * k,
-        )
+        return Counts(self.layers, self.layers, round(self.solid * k), round(self.added * k), round(self.removed * k),
+                      self.first, self.height_mm)  # fmt: skip
 
     def with_more(self, more: Counts) -> Counts:
         """Together with other layers of the same pose."""
         return Counts(
             self.seen + more.seen, self.layers, self.solid + more.solid, self.added + more.added,
-            self.removed + more.removed, self.solid_mm3 + more.solid_mm3, self.added_mm3 + more.added_mm3,
-            self.removed_mm3 + more.removed_mm3, self.height_mm,
+            self.removed + more.removed,
+            (self.first[0] + more.first[0], self.first[1] + more.first[1], self.first[2] + more.first[2]),
+            self.height_mm,
         )  # fmt: skip
 
 
@@ -150,6 +137,23 @@ class Objective:
         return middle
 
     @cached_property
+    def corners_mm(self) -> NDArray[np.float64]:
+        """(n, 3): the corners of the convex hull, which are all that the size of a pose depends on."""
+        from scipy.spatial import ConvexHull
+
+        corners: NDArray[np.float64] = self.mesh.vertices[ConvexHull(self.mesh.vertices).vertices]
+        return corners
+
+    def size_mm(self, pose: Pose) -> tuple[float, float, float]:
+        """Extents along x, y, z in a pose (of clipped parts, before they are clipped)."""
+        x, y, z = np.ptp(self.corners_mm @ pose.matrix.T, axis=0).tolist()
+        return x, y, z
+
+    def height_mm(self, pose: Pose) -> float:
+        """Extent along z in a pose."""
+        return float(np.ptp(self.corners_mm @ pose.direction))
+
+    @cached_property
     def token(self) -> str:
         """Digest of the part and of how it is printed: of all that C depends on."""
         digest = hashlib.blake2b(digest_size=16)
@@ -183,42 +187,71 @@ class Objective:
         The order spreads the first n layers evenly over the part, whatever n is. stopped: asked now and then; once it
         says so, KeyboardInterrupt is raised. A part too low for a layer in this pose has 0 layers.
         """
-        turned = self._turned(pose)
-        height_mm = float(turned.size_mm[2])
-        if height_mm <= (self.printing.first_layer_mm or self.printing.layer_mm) / 2:
-            return Counts(0, 0, 0, 0, 0, 0.0, 0.0, 0.0, height_mm)
-        z_mm, counted = self._counter(turned)
+        found = self._stand(pose)
+        if found.height_mm <= (self.printing.first_layer_mm or self.printing.layer_mm) / 2:
+            return Counts(0, 0, 0, 0, 0, (0, 0, 0), found.height_mm)
+        z_mm, counted = self._counter(pose, found)
         chosen = spread_order(len(z_mm))[first:stop]
-        sums, volumes = np.zeros(3, np.int64), np.zeros(3)
-        pixel_mm2 = self.printing.pixel_mm[0] * self.printing.pixel_mm[1]
+        sums, lowest = np.zeros(3, np.int64), np.zeros(3, np.int64)
         for k in range(0, len(chosen), CHUNK_LAYERS):
             if stopped is not None and stopped():
                 raise KeyboardInterrupt
-            some = chosen[k : k + CHUNK_LAYERS]
+            some = np.sort(chosen[k : k + CHUNK_LAYERS])
             counts = counted(some)
             sums += counts.sum(axis=0)
-            volumes += (z_mm[some, 1] - z_mm[some, 0]) @ counts * pixel_mm2
-        return Counts(len(chosen), len(z_mm), *sums.tolist(), *volumes.tolist(), height_mm)
+            lowest += counts[some == 0].sum(axis=0)
+        a, b, c = lowest.tolist()
+        return Counts(len(chosen), len(z_mm), *sums.tolist(), (a, b, c), found.height_mm)
 
-    def _counter(self, turned: Mesh) -> tuple[NDArray[np.float64], Callable[[NDArray[np.int64]], NDArray[np.int64]]]:
+    def volumes_mm3(self, counts: Counts) -> tuple[float, float, float]:
+        """(solid, added, removed) of what was counted."""
+        printing = self.printing
+        area_mm2 = printing.pixel_mm[0] * printing.pixel_mm[1]
+        more_mm = (printing.first_layer_mm or printing.layer_mm) - printing.layer_mm
+        sums = (counts.solid, counts.added, counts.removed)
+        solid, added, removed = (
+            (n * printing.layer_mm + of_first * more_mm) * area_mm2 for n, of_first in zip(sums, counts.first, strict=True)
+        )
+        return solid, added, removed
+
+    def _stand(self, pose: Pose) -> _Standing:
+        if self.mesh.parts:
+            turned = self._turned(pose)
+            return _Standing(turned.vertices, turned.bounds_mm)
+        points, bounds = np.empty_like(self.mesh.vertices), np.empty((2, 3))
+        matrix = pose.matrix
+        shift = self.middle_mm - matrix @ self.middle_mm
+        shift[2] = 0.0
+        stand(self.mesh.vertices, matrix, shift, points, bounds)
+        return _Standing(points, bounds)
+
+    def _counter(
+        self, pose: Pose, found: _Standing
+    ) -> tuple[NDArray[np.float64], Callable[[NDArray[np.int64]], NDArray[np.int64]]]:
         """(bounds of the layers; what counts chosen layers) of the part in its pose."""
         printing = self.printing
-        if not turned.parts and not printing.rescue:
-            grid, cutter = cut_up(
-                turned,
+        if not self.mesh.parts and not printing.rescue:
+            width, height, origin, z_mm, quantum, planes = pixels_and_planes(
+                found.box(self.mesh.name),
                 pixel_mm=printing.pixel_mm,
                 layer_mm=printing.layer_mm,
                 first_layer_mm=printing.first_layer_mm,
                 margin_mm=printing.min_feature_mm,
-                sound=self._sound,
             )
-            if cutter.closed:
-                slabs, rule = (cutter.slab_starts, cutter.slab_faces), FILLS[printing.fill]
-                size_px = grid.width, grid.shape[0]
-                return grid.z_mm, lambda chosen: count_layers(
-                    cutter.points, cutter.faces, slabs, cutter.planes, chosen, size_px, rule, self._tool
+            points, faces, closed = found.points, self.mesh.faces, True
+            snap(points, np.array(origin), *printing.pixel_mm, float(found.bounds[0, 2]), quantum)
+            if not self._sound:
+                faces = without_doubles(points, faces)
+                closed = edges_balance(points, faces)
+                if not closed:
+                    faces = orient(points, faces)
+                    closed = edges_balance(points, faces)
+            if closed:
+                rule = FILLS[printing.fill]
+                return z_mm, lambda chosen: count_layers(
+                    points, faces, planes[chosen], (width, height), rule, self._tool
                 )
-        fixed = self._corrected(turned)
+        fixed = self.corrected(pose)
 
         def count_one_by_one(chosen: NDArray[np.int64]) -> NDArray[np.int64]:
             changes = [fixed[int(k)].change for k in chosen]
@@ -227,15 +260,28 @@ class Objective:
         return fixed.z_mm, count_one_by_one
 
     def corrected(self, pose: Pose) -> LayerStack:
-        """The corrected layers of a pose. Their changes are what `count` counts."""
-        return self._corrected(self._turned(pose))
-
-    def _corrected(self, turned: Mesh) -> LayerStack:
+        """The corrected layers of a pose, whose changes are what `count` counts: for meshes that are not closed."""
         printing = self.printing
-        stack = slice_mesh(turned, pixel_mm=printing.pixel_mm, layer_mm=printing.layer_mm,
+        stack = slice_mesh(self._turned(pose), pixel_mm=printing.pixel_mm, layer_mm=printing.layer_mm,
                            first_layer_mm=printing.first_layer_mm, margin_mm=printing.min_feature_mm,
                            fill=printing.fill, z_sampling="rescue" if printing.rescue else "middle")  # fmt: skip
         return correct(stack, min_feature_mm=printing.min_feature_mm, mode=printing.mode, spurs=printing.spurs)
+
+
+class _Standing(NamedTuple):
+    """The vertices in a pose, and the lowest and the highest corner."""
+
+    points: NDArray[np.float64]
+    bounds: NDArray[np.float64]
+
+    @property
+    def height_mm(self) -> float:
+        return float(self.bounds[1, 2] - self.bounds[0, 2])
+
+    def box(self, name: str) -> Mesh:
+        """The smallest mesh with these bounds: all that pixels and layers depend on."""
+        low, high = self.bounds
+        return Mesh(np.array([low, high, low]), np.array([[0, 1, 2]], np.int32), name)
 
 
 @lru_cache(maxsize=4096)
