@@ -8,6 +8,7 @@ from layerfix import __version__
 from layerfix.cli.check import check
 from layerfix.cli.fix import fix
 from layerfix.cli.lists import completion, formats, printers
+from layerfix.cli.orient import orient
 from layerfix.cli.pictures import demo, draw
 from layerfix.cli.widths import widths
 
@@ -26,5 +27,5 @@ def layerfix() -> None:
     """
 
 
-for command in (fix, check, widths, draw, demo, printers, formats, completion):
+for command in (fix, check, orient, widths, draw, demo, printers, formats, completion):
     layerfix.add_command(command)

@@ -491,8 +491,10 @@ def pixels_and_planes(
     first_layer_mm: float | None,
     margin_mm: float,
 ) -> tuple[int, int, tuple[float, float], NDArray[np.float64], float, NDArray[np.float64]]:
-    """(width, height, origin, layers' bounds, z quantum, mid-planes in quanta) that `slice_mesh` takes for a mesh: for
-    those who cut one thousands of times and need no Layers."""
+    """(width, height, origin, layers' bounds, z quantum, mid-planes in quanta) that `slice_mesh` takes for a mesh.
+
+    For those who cut one thousands of times and need no Layers.
+    """
     width, height, origin = _frame(mesh, pixel_mm, margin_mm, None)
     z_mm = _layers(mesh, layer_mm, first_layer_mm, "middle")
     quantum = _quantum(z_mm)

@@ -50,6 +50,7 @@ class Shape:
     _normals: NDArray[np.float64] = field(init=False)
     _areas: NDArray[np.float64] = field(init=False)
     _corners: NDArray[np.float64] = field(init=False)
+    _known: dict[tuple[float, float], dict[str, float]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         """Measure the facets once."""
@@ -59,6 +60,12 @@ class Shape:
 
     def terms(self, pose: Pose) -> dict[str, float]:
         """Each of OF_SHAPE in its unit, for one pose. ψ does not matter."""
+        key = pose.theta1, pose.theta2
+        if key not in self._known:
+            self._known[key] = self._measured(pose)
+        return self._known[key]
+
+    def _measured(self, pose: Pose) -> dict[str, float]:
         d = pose.direction
         z = self._corners @ d
         low, high = z.min(axis=1), z.max(axis=1)
@@ -81,8 +88,7 @@ class Shape:
 class Aims:
     """A weighted sum of aims, each divided by what it is for the part as it is given.
 
-    weights  of AIMS, 0 or more. added and removed are both divided by their initial sum, so that equal weights are the
-             paper's objective
+    weights  of AIMS, 0 or more. added and removed are both divided by their initial sum: equal weights are the paper's
     scale    what each is divided by
     """
 

@@ -2,8 +2,8 @@
 
 Annealing (paper, section 5; Kirkpatrick et al. 1983): new angles are drawn from a Gaussian around the present ones
 whose variance is proportional to the temperature T; what is better is always taken, what is worse with probability
-exp(-ΔE / T). E is C divided by that of the part as it is given, so that one T suits every part. The bounds clip: two of
-the paper's four results lie exactly on them.
+exp(-ΔE / T). E is C divided by that of the part as it is given, so that one T suits every part. The bounds clip, as
+the paper's θ₂ = 0.00 for the threaded cylinder suggests.
 """
 
 from __future__ import annotations

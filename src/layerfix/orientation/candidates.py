@@ -61,4 +61,5 @@ def structured(mesh: Mesh, normals: int = 10, resting: int = 10) -> list[NDArray
 def _sign(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sign of the first coordinate, from z on, that is not about 0: the same axis has one sign."""
     x, y, z = vectors.T
-    return np.where(np.abs(z) > 1e-6, z, np.where(np.abs(y) > 1e-6, y, x))
+    sign: NDArray[np.float64] = np.where(np.abs(z) > 1e-6, z, np.where(np.abs(y) > 1e-6, y, x))
+    return sign

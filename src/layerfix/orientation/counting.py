@@ -122,7 +122,7 @@ def stand(vertices, matrix, shift, out, bounds):  # type: ignore[no-untyped-def]
 
 @njit(types.void(MATRIX, VECTOR, types.float64, types.float64, types.float64, types.float64), cache=True, nogil=True)
 def snap(points, origin, pitch_x, pitch_y, lowest, quantum):  # type: ignore[no-untyped-def]
-    """Vertices in mm → columns and rows in steps of 1/1024 px, z in quanta, in place, as `layerfix.mesh.slicing` does."""
+    """Vertices in mm → columns and rows in steps of 1/1024 px, z in quanta, in place: as `layerfix.mesh.slicing`."""
     for v in range(points.shape[0]):
         points[v, 0] = np.rint(((points[v, 0] - origin[0]) / pitch_x - 0.5) * SNAP_PER_PX) / SNAP_PER_PX
         points[v, 1] = np.rint(((origin[1] - points[v, 1]) / pitch_y - 0.5) * SNAP_PER_PX) / SNAP_PER_PX

@@ -93,7 +93,7 @@ def wrapped(theta1: float, theta2: float) -> Pose:
 
 
 def clipped(theta1: float, theta2: float) -> Pose:
-    """Angles beyond the bounds put on them, as the paper seems to have done (it reports θ₂ = 0.00 twice)."""
+    """Angles beyond the bounds put on them, as the paper seems to have done (it reports θ₂ = 0.00)."""
     return Pose(min(max(theta1, -QUARTER_TURN), QUARTER_TURN), min(max(theta2, 0.0), HALF_TURN))
 
 

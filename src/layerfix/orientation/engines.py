@@ -35,7 +35,7 @@ Task = tuple[Pose, int, int]
 class Done(NamedTuple):
     """One task done: its number, what was counted, and how long that took."""
 
-    index: int
+    number: int
     counts: Counts
     seconds: float
 
@@ -76,7 +76,9 @@ class Threads:
                 except BaseException as problem:
                     done.put(problem)
 
-        threads = [Thread(target=labour, name=f"poses-{n}", daemon=True) for n in range(min(self.workers, len(tasks)))]
+        threads = [
+            Thread(target=labour, name=f"poses-{n}", daemon=True) for n in range(min(self.workers, len(tasks)))
+        ]
         for k in range(len(tasks)):
             todo.put(k)
         for _ in threads:
@@ -131,7 +133,9 @@ _kept: dict[str, Objective] = {}
 def check_version(version: str) -> None:
     """Raises InputError where another layerfix runs than there: their kernels may count differently."""
     if version != __version__:
-        raise InputError(f"a worker runs layerfix {__version__}, this is layerfix {version}: install the same on both")
+        raise InputError(
+            f"a worker runs layerfix {__version__}, this is layerfix {version}: install the same on both"
+        )
 
 
 def compute(sent: _Sent, tasks: Sequence[Task]) -> tuple[list[Counts], float] | None:
@@ -301,7 +305,8 @@ def engine_for(executor: object, objective: Objective, workers: int = 0) -> Engi
         return Cluster(objective, executor)
     if hasattr(executor, "submit"):
         count = getattr(executor, "_max_workers", None) or processors()
-        return Executors(objective, executor, int(count), type(executor).__name__)
+        given: Any = executor
+        return Executors(objective, given, int(count), type(executor).__name__)
     raise InputError(
         f"executor is a {type(executor).__name__}; it may be None, a number of processes, an executor with submit(),"
         " a distributed.Client, or the address of a scheduler such as 'tcp://host:8786'"

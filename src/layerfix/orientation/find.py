@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -34,6 +34,7 @@ Method = Literal["race", "anneal", "direct", "quick"]
 METHODS: tuple[Method, ...] = get_args(Method)
 APART = math.radians(5.0)  # candidates that are listed differ by so much
 LISTED = 10
+FRONT_ROUNDS = 3
 NEARLY = 0.02  # of the best: what is within is called as good
 
 
@@ -85,12 +86,12 @@ class Orientation:
 
     objective    C of the part, for whoever wants to ask for more
     initial      the part as it is given; best: the pose found, which may be that
-    candidates   the ten best distinct directions, best first
+    candidates   the ten best distinct directions: `best`, then by value
     aims         what was minimised
     evaluations  poses counted in full; screened: poses looked at; equivalents: layers counted, in full poses
     seconds      of the search; computed_s: of all workers together
     interrupted  it was broken off, and this is the best so far
-    samples      (n, 4): directions and C (pixels, estimated where not all layers were counted): for maps
+    seen         all that was counted, by pose
     """
 
     objective: Objective
@@ -106,7 +107,6 @@ class Orientation:
     computed_s: float
     interrupted: bool
     engine: str
-    samples: NDArray[np.float64]
     seen: Mapping[Pose, Counts]
     notes: tuple[str, ...] = ()
 
@@ -130,6 +130,26 @@ class Orientation:
         """The part in the best pose, its lowest point at z = 0."""
         return self.objective.placed(self.best.pose)
 
+    def landscape(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """((n, 3) directions, (n,) values) of all poses that were looked at, estimated where not all layers were.
+
+        Values are pixels of correction, or the weighted sum if other aims count; then opposite directions differ, and
+        both are there.
+        """
+        poses = [pose for pose, counts in self.seen.items() if counts.layers]
+        if self.aims.of_shape:
+            both = [(p, self.seen[pose]) for pose in poses for p in (pose, pose.flipped())]
+            values = [self.aims.value(pose, counts) for pose, counts in both]
+            return np.array([pose.direction for pose, _ in both]), np.array(values)
+        found = [self.seen[pose].estimate() for pose in poses]
+        values = [counts.added + counts.removed for counts in found]
+        return np.array([pose.direction for pose in poses]), np.array(values, np.float64)
+
+    def front(self, names: Sequence[str] = ()) -> list[Candidate]:
+        """The poses counted in full of which no other is better in every aim: in correction, and in `names` (of
+        OF_SHAPE; without any, those that have a weight, else support and height)."""
+        return [one for one, _ in front_of(self.aims, self.objective, self.seen, chosen_aims(self.aims, names))]
+
     def summary(self) -> dict[str, Any]:
         """What `layerfix orient --json` prints."""
         return {
@@ -151,6 +171,52 @@ class Orientation:
             "candidates": [written(one) for one in self.candidates],
             "notes": list(self.notes),
         }
+
+
+def chosen_aims(aims: Aims, names: Sequence[str]) -> tuple[str, ...]:
+    """Aims besides correction that a front is of."""
+    return tuple(names) or aims.of_shape or ("support", "height")
+
+
+def front_of(
+    aims: Aims, objective: Objective, seen: Mapping[Pose, Counts], names: Sequence[str], estimated: bool = False
+) -> list[tuple[Candidate, Pose]]:
+    """The non-dominated candidates, least correction first, each with the pose that was counted (itself or its
+    opposite); with those that are only estimated, if told so."""
+    counted = [pose for pose, counts in seen.items() if counts.layers and (counts.whole or estimated)]
+    found = [
+        (candidate_of(aims, objective, turned, seen[pose]), pose)
+        for pose in counted
+        for turned in (pose, pose.flipped())
+    ]
+    signs = np.array([1.0] + [-1.0 if name in MORE_IS_BETTER else 1.0 for name in names])
+    scores = np.array([[one.changed_px, *(one.terms[name] for name in names)] for one, _ in found]) * signs
+    return sorted((found[k] for k in non_dominated(scores)), key=lambda one: one[0].changed_px)
+
+
+def non_dominated(scores: NDArray[np.float64]) -> list[int]:
+    """Rows of (n, aims) scores, less being better, of which no other is as good in all and better in one.
+
+    Of equal rows the first is kept.
+    """
+    order = np.lexsort(scores.T[::-1])
+    kept: list[int] = []
+    for k in order.tolist():
+        if not kept or not (scores[kept] <= scores[k]).all(axis=1).any():
+            kept.append(k)
+    return kept
+
+
+def candidate_of(
+    aims: Aims, objective: Objective, pose: Pose, counts: Counts, mean_px: float | None = None
+) -> Candidate:
+    """What was counted of a pose, with all its figures."""
+    counts = counts.estimate()
+    _, added_mm3, removed_mm3 = objective.volumes_mm3(counts)
+    x, y, z = pose.direction.tolist()
+    return Candidate((pose.theta1, pose.theta2), pose.psi, (x, y, z), aims.value(pose, counts), counts.added,
+                     counts.removed, added_mm3, removed_mm3, counts.height_mm, counts.layers,
+                     aims.shape.terms(pose), mean_px)  # fmt: skip
 
 
 def written(one: Candidate) -> dict[str, Any]:
@@ -186,6 +252,7 @@ class Options:
     evaluations: int | None = None
     seed: int = 0
     room_mm: tuple[float, float, float] | None = None
+    front: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError for what cannot be used."""
@@ -199,6 +266,9 @@ class Options:
                 raise InputError(f"evaluations: the method {self.method} takes as many as it needs")
             if self.evaluations < 2:
                 raise InputError(f"evaluations {self.evaluations}: at least 2")
+        for name in self.front or ():
+            if name not in OF_SHAPE:
+                raise InputError(f"'{name}' is no aim of a front; choose from {', '.join(OF_SHAPE)}")
         if self.room_mm is not None and not all(0 < side < math.inf for side in self.room_mm):
             raise InputError(f"room of {self.room_mm} mm: all three must be above 0")
 
@@ -219,6 +289,7 @@ def orient(
     evaluations: int | None = None,
     seed: int = 0,
     room_mm: tuple[float, float, float] | None = None,
+    front: Sequence[str] | None = None,
     executor: object = None,
     workers: int = 0,
     log: str | Path | None = None,
@@ -234,8 +305,10 @@ def orient(
                  contact; each is divided by what it is for the part as it is given (`layerfix.orientation.aims`)
     cooling      of "anneal": "exponential", "linear", "logarithmic"; evaluations: 300 unless given, for "direct", too
     room_mm      only poses of at most that size (x, y, z); x and y may be swapped
-    executor     None: threads here (`workers` of them, 0: one per core); a number: so many processes; an executor with
-                 submit(); a distributed.Client, or the address of a scheduler ("tcp://host:8786")
+    front        other aims to look for a good trade with: what may be on that front is counted in full, too; (): the
+                 aims with weights, else support and height. See `Orientation.front`
+    executor     None: threads here (`workers` of them, 0: one per core); a number: so many processes; an executor
+                 with submit(); a distributed.Client, or the address of a scheduler ("tcp://host:8786")
     log, resume  every evaluation is a line of this file; with resume it goes on from there, to the same end
     progress     told of a `State` after every evaluation
     returns      an `Orientation`. The same for any number of workers, and for the same seed. After Ctrl-C the best so
@@ -243,7 +316,8 @@ def orient(
     raises       InputError for a flat part, unusable numbers, weights that are all 0, one that fits in no direction
     """
     printing = Printing(pitch_mm(pixel_mm), layer_mm, min_feature_mm, first_layer_mm, mode, spurs, fill)
-    options = Options(method, weights or {}, cooling, evaluations, seed, room_mm)
+    options = Options(method, weights or {}, cooling, evaluations, seed, room_mm,
+                      None if front is None else tuple(front))  # fmt: skip
     return find(Objective(mesh, printing), options, executor, workers, log, resume, progress)
 
 
@@ -269,6 +343,8 @@ def find(
         interrupted, pose = False, AS_GIVEN
         try:
             pose = _by_method(search, options)
+            if options.front is not None:
+                _widen_front(search, chosen_aims(search.aims, options.front))
         except KeyboardInterrupt:
             interrupted = True
         return _outcome(search, options, pose, interrupted)
@@ -281,19 +357,22 @@ def find(
 def _by_method(search: Search, options: Options) -> Pose:
     if options.method == "anneal":
         how = Annealing(options.cooling, options.evaluations or EVALUATIONS, options.seed)
-        return _upright(search, anneal(search, how))
+        return anneal(search, how)
     if options.method == "direct":
-        return _upright(search, direct(search, options.evaluations or EVALUATIONS))
-    return _upright(search, race(search, QUICK if options.method == "quick" else RACE))
+        return direct(search, options.evaluations or EVALUATIONS)
+    return race(search, QUICK if options.method == "quick" else RACE)
 
 
-def _upright(search: Search, pose: Pose) -> Pose:
-    """The pose or its opposite, counted in full; if that turns out worse by the raster's luck than what is given, that."""
+def _widen_front(search: Search, names: Sequence[str]) -> None:
+    """Count in full what is on the front by its estimate, until all of it is, or FRONT_ROUNDS are over."""
     assert search.aims is not None
-    search.counts([pose])
-    chosen = pose if pose == AS_GIVEN else search.aims.upright(pose, search.seen[pose])
-    search.counts([chosen])
-    return chosen
+    search.begin("front")
+    for _ in range(FRONT_ROUNDS):
+        found = front_of(search.aims, search.objective, search.seen, names, estimated=True)
+        left = [pose for pose in dict.fromkeys(pose for _, pose in found) if not search.seen[pose].whole]
+        if not left:
+            return
+        search.counts(left)
 
 
 def _outcome(search: Search, options: Options, pose: Pose, interrupted: bool) -> Orientation:
@@ -301,9 +380,10 @@ def _outcome(search: Search, options: Options, pose: Pose, interrupted: bool) ->
     assert aims is not None
     whole = search.whole()
     if interrupted:
-        pose = aims.upright(whole[0], search.seen[whole[0]]) if whole else AS_GIVEN
-        if pose not in search.seen:  # nothing more is computed now
-            search.seen[pose] = search.seen[whole[0]]
+        pose = whole[0] if whole else AS_GIVEN
+    if aims.of_shape and aims.value(pose.flipped(), search.seen[pose]) < aims.value(pose, search.seen[pose]):
+        search.seen[pose.flipped()] = search.seen[pose]  # it was found for its opposite
+        pose = pose.flipped()
     given = aims.value(AS_GIVEN, search.seen[AS_GIVEN])
     fits = search.fits(AS_GIVEN)
     if fits and given <= aims.value(pose, search.seen[pose]):
@@ -311,9 +391,8 @@ def _outcome(search: Search, options: Options, pose: Pose, interrupted: bool) ->
     best = _candidate(search, pose)
     listed = [pose, *whole]
     kept = distinct([one.direction for one in listed], APART)[:LISTED]
-    candidates = sorted((_candidate(search, listed[k]) for k in kept), key=lambda one: one.value)
+    candidates = [_candidate(search, listed[k]) for k in kept]
     initial = _candidate(search, AS_GIVEN)
-    samples = [(*one.direction, *_sample(search.seen[one])) for one in search.order if search.seen[one].layers]
     return Orientation(
         search.objective,
         options.method,
@@ -328,27 +407,16 @@ def _outcome(search: Search, options: Options, pose: Pose, interrupted: bool) ->
         search.computed_s,
         interrupted,
         search.engine.name,
-        np.array(samples, np.float64).reshape(-1, 4),
-        dict(search.seen),
+        {pose: search.seen[pose] for pose in search.order},
         _notes(search, initial, best, interrupted),
     )
 
 
-def _sample(counts: Counts) -> tuple[int]:
-    found = counts.estimate()
-    return (found.added + found.removed,)
-
-
 def _candidate(search: Search, pose: Pose) -> Candidate:
-    aims, counts = search.aims, search.seen[pose]
-    assert aims is not None
-    _, added_mm3, removed_mm3 = search.objective.volumes_mm3(counts)
+    assert search.aims is not None
     turned = [search.seen[p] for p in angles_of(search, pose, 4) if p in search.seen and search.seen[p].whole]
-    x, y, z = pose.direction.tolist()
     mean_px = sum(c.added + c.removed for c in turned) / len(turned) if len(turned) > 1 else None
-    return Candidate((pose.theta1, pose.theta2), pose.psi, (x, y, z), aims.value(pose, counts), counts.added,
-                     counts.removed, added_mm3, removed_mm3, counts.height_mm, counts.layers,
-                     aims.shape.terms(pose), mean_px)  # fmt: skip
+    return candidate_of(search.aims, search.objective, pose, search.seen[pose], mean_px)
 
 
 def _notes(search: Search, initial: Candidate, best: Candidate, interrupted: bool) -> tuple[str, ...]:

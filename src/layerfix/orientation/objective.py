@@ -1,7 +1,7 @@
 """The objective C(θ) = Σ |Ŝ - S| (paper, equation 5): what correction adds and removes, for one pose of a part.
 
-Layers are cut at their mid-planes alone. What `slice_mesh` rescues besides (sheets between two mid-planes) is one pixel
-layer here and there, costs half as much time again, and does not change which direction is better (docs/orient.md).
+Layers are cut at their mid-planes alone. What `slice_mesh` rescues besides, sheets between two mid-planes, is little,
+and costs half as much time again (docs/orient.md has both measured).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ FULL = 1 << 40  # more layers than any part has
 
 
 class Counts(NamedTuple):
-    """What correction changes in some layers of a pose, in pixels: whole numbers, so that their order does not matter.
+    """What correction changes in some layers of a pose, in pixels: whole numbers, so that no order matters.
 
     seen, layers           how many layers were looked at, and how many there are; 0 of a part too low for any
     solid, added, removed  sums over the layers seen
@@ -181,7 +181,9 @@ class Objective:
         turned = self.mesh.transformed(pose.matrix)
         return turned.moved([shift[0], shift[1], 0.0])
 
-    def count(self, pose: Pose, first: int = 0, stop: int = FULL, stopped: Callable[[], bool] | None = None) -> Counts:
+    def count(
+        self, pose: Pose, first: int = 0, stop: int = FULL, stopped: Callable[[], bool] | None = None
+    ) -> Counts:
         """What correction changes in layers first … stop - 1 of the order in which layers are looked at.
 
         The order spreads the first n layers evenly over the part, whatever n is. stopped: asked now and then; once it
@@ -201,7 +203,8 @@ class Objective:
             sums += counts.sum(axis=0)
             lowest += counts[some == 0].sum(axis=0)
         a, b, c = lowest.tolist()
-        return Counts(len(chosen), len(z_mm), *sums.tolist(), (a, b, c), found.height_mm)
+        solid, added, removed = sums.tolist()
+        return Counts(len(chosen), len(z_mm), solid, added, removed, (a, b, c), found.height_mm)
 
     def volumes_mm3(self, counts: Counts) -> tuple[float, float, float]:
         """(solid, added, removed) of what was counted."""
@@ -210,7 +213,8 @@ class Objective:
         more_mm = (printing.first_layer_mm or printing.layer_mm) - printing.layer_mm
         sums = (counts.solid, counts.added, counts.removed)
         solid, added, removed = (
-            (n * printing.layer_mm + of_first * more_mm) * area_mm2 for n, of_first in zip(sums, counts.first, strict=True)
+            (n * printing.layer_mm + of_first * more_mm) * area_mm2
+            for n, of_first in zip(sums, counts.first, strict=True)
         )
         return solid, added, removed
 

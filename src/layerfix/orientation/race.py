@@ -1,11 +1,12 @@
 """The default method: many directions looked at a little, the better ones more, the best in full.
 
-Layers are left out, never pixels: on every second or fourth pixel, or layer and pixel, the best direction of four parts
-came out up to 9 % too bad, for the raster then changes what is too thin. Directions that the part's shape suggests are
-counted in full from the start; thin ends of valleys are walked down by a compass.
+Layers are left out, never pixels: on every second or fourth pixel the best direction of four parts came out up to 9 %
+too bad, for the raster then changes what is too thin. Directions that the part's shape suggests are counted in full
+from the start; from the best a compass walks on to the bottom of their valleys.
 
 How the part lies on the plate (ψ) moves C by up to half, mostly by luck with the pixels. So directions are compared by
-the mean over a few angles, those within TIE of the best count as equal, and the best angle is looked for at the end.
+the mean over a few angles. For those within TIE of the best mean, which count as equal, the best angle is looked for,
+the right way up; and of what then is within TIE of the lowest C, the lowest to build wins.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ from layerfix.orientation.directions import (
     pose_of,
     spacing,
 )
-from layerfix.orientation.objective import FULL
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,7 +46,7 @@ class Plan:
     finished    how many of them are counted in full
     compass     from how many of the best a compass walks, from `widest` to `narrowest` degrees, in `steps` steps
     finalists   how many distinct directions are compared over `angles` in-plane angles
-    sweep       in-plane angles tried for the one that wins
+    swept       for how many of those that tie the best in-plane angle is looked for, among `sweep` angles
     """
 
     directions: int = 1000
@@ -59,6 +59,7 @@ class Plan:
     steps: int = 30
     finalists: int = 8
     angles: int = 4
+    swept: int = 3
     sweep: int = 16
 
     @property
@@ -66,11 +67,13 @@ class Plan:
         """Full evaluations it may come to, of a part of 500 layers."""
         screening = self.directions * self.layers * (1 + sum(s * (t - 1) for s, t in self.rungs)) / 500
         walks = self.compass * 4 * 5
-        return 20 + screening + self.finished + walks + self.finalists * (self.angles - 1) + self.sweep
+        return (
+            20 + screening + self.finished + walks + self.finalists * (self.angles - 1) + self.sweep * self.swept / 2
+        )
 
 
 RACE = Plan()
-QUICK = Plan(directions=400, layers=24, finished=10, compass=1, finalists=4, sweep=8)
+QUICK = Plan(directions=400, layers=24, finished=10, compass=1, finalists=4, swept=1, sweep=8)
 
 
 def race(search: Search, plan: Plan) -> Pose:
@@ -130,7 +133,7 @@ def _walk(search: Search, plan: Plan) -> None:
 
 
 def angles_of(search: Search, pose: Pose, count: int) -> list[Pose]:
-    """The pose at even in-plane angles of a quarter turn, from its own on, that fit: a quarter turn is the same raster."""
+    """The pose at even in-plane angles that fit, from its own on. A quarter turn later the raster is the same again."""
     angles = [pose, *(pose.turned(pose.psi + k * QUARTER_TURN / count) for k in range(1, count))]
     return [turned for turned in angles if search.fits(turned)]
 
@@ -146,10 +149,19 @@ def _final(search: Search, plan: Plan) -> Pose:
     finalists = [best[k] for k in distinct([p.direction for p in best], spacing(plan.directions))[: plan.finalists]]
     search.counts([turned for pose in finalists for turned in angles_of(search, pose, plan.angles)])
     means = [mean_value(search, pose, plan.angles) for pose in finalists]
-    lowest = min(means)
-    tied = [pose for pose, mean in zip(finalists, means, strict=True) if mean <= lowest + TIE * abs(lowest)]
-    winner = min(tied, key=lambda pose: round(search.seen[pose].height_mm, 6))
-    search.begin("best in-plane angle")
-    swept = angles_of(search, winner, plan.sweep)
-    search.counts(swept, FULL)
-    return min(swept, key=search.value)
+    order = sorted(range(len(finalists)), key=lambda k: means[k])
+    tied = [finalists[k] for k in order if _ties(means[k], means[order[0]])][: plan.swept]
+    search.begin("best in-plane angles")
+    upright = search.aims.upright if search.aims is not None else (lambda pose, counts: pose)
+    tied = [pose if pose == AS_GIVEN else upright(pose, search.seen[pose]) for pose in tied]
+    search.counts([turned for pose in tied for turned in angles_of(search, pose, plan.sweep)])
+    swept = [min(angles_of(search, pose, plan.sweep), key=search.value) for pose in tied]
+    lowest = min(search.value(pose) for pose in swept)
+    return min(
+        (pose for pose in swept if _ties(search.value(pose), lowest)),
+        key=lambda pose: round(search.seen[pose].height_mm, 6),
+    )
+
+
+def _ties(value: float, lowest: float) -> bool:
+    return value <= lowest + TIE * abs(lowest)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO
 
@@ -55,9 +56,9 @@ class Record:
                     self._check(line, head)
                 else:
                     t1, t2, psi = line["pose"]
-                    counts = line["counts"]
+                    seen, layers, solid, added, removed, (a, b, c), height_mm = line["counts"]
                     key = (float(t1), float(t2), float(psi), int(line["first"]), int(line["stop"]))
-                    self.known[key] = Counts(*counts[:5], tuple(counts[5]), float(counts[6]))
+                    self.known[key] = Counts(seen, layers, solid, added, removed, (a, b, c), float(height_mm))
             except (ValueError, KeyError, TypeError, IndexError) as problem:
                 raise InputError(f"{self.path}: line {number + 1} is not of a log of layerfix orient") from problem
             whole += len(raw)
@@ -80,7 +81,7 @@ class Record:
         except OSError as problem:
             raise OutputError(f"{self.path}: the log could not be written: {problem.strerror}") from problem
 
-    def _line(self, line: dict[str, object]) -> None:
+    def _line(self, line: Mapping[str, object]) -> None:
         self._file.write(json.dumps(line, separators=(",", ":")) + "\n")
         self._file.flush()
 

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from layerfix.orientation.directions import AS_GIVEN, Pose
@@ -63,7 +64,7 @@ class Search:
         self.best: Best | None = None
 
     def counts(self, poses: Sequence[Pose], layers: int = FULL) -> list[Counts]:
-        """Of each pose the first `layers` layers (of the evenly spread order), or all, together with what was seen."""
+        """Of each pose the first `layers` layers of the evenly spread order, or all: with those seen before."""
         wanted: dict[Pose, int] = {}
         for pose in poses:
             before = self.seen.get(pose)
@@ -87,11 +88,11 @@ class Search:
         for k, (pose, first) in enumerate(left):
             cuts = self._cuts(pose, first, layers, pieces)
             waiting.append(len(cuts) - 1)
-            for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+            for a, b in pairwise(cuts):
                 tasks.append((pose, a, b))
                 owner.append(k)
         for done in self.engine.run(tasks):
-            k = owner[done.index]
+            k = owner[done.number]
             before = sums[k]
             sums[k] = found = done.counts if before is None else before.with_more(done.counts)
             waiting[k] -= 1
@@ -114,9 +115,9 @@ class Search:
     def _take(self, pose: Pose, more: Counts) -> None:
         before = self.seen.get(pose)
         found = more if before is None else before.with_more(more)
+        self.seen[pose] = found  # first: a Ctrl-C may come between
         if before is None:
             self.order.append(pose)
-        self.seen[pose] = found
         self.equivalents += more.seen / max(found.layers, 1)
         if found.whole and self.aims is not None:
             value = self.value(pose)

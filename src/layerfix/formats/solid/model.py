@@ -57,6 +57,17 @@ def write_mesh_3mf(path: Path, mesh: Mesh, options: WriteOptions) -> None:
     write_3mf(path, [(mesh.vertices, mesh.faces.astype(np.int64))], force=options.force)
 
 
+def write_mesh_obj(path: Path, mesh: Mesh, options: WriteOptions) -> None:
+    """A mesh as it is, Wavefront OBJ: every number as exact as it is known. Raises OutputError as for .3mf."""
+    check_whole(path, mesh)
+    with whole_file(path, force=options.force) as file:
+        file.write(b"# written by layerfix, in mm\n")
+        for x, y, z in mesh.vertices.tolist():
+            file.write(f"v {x!r} {y!r} {z!r}\n".encode())
+        for a, b, c in (mesh.faces + 1).tolist():
+            file.write(f"f {a} {b} {c}\n".encode())
+
+
 def check_whole(path: Path, mesh: Mesh) -> None:
     """Raises OutputError for a mesh with parts that are cut out of it: as triangles they would be solid."""
     if mesh.is_clipped:
