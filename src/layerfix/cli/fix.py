@@ -76,6 +76,13 @@ from layerfix.cli.types import Area, Length, Percent, Range
     "A mesh as IN",
     *MESH,
     cloup.option(
+        "--orient",
+        is_flag=False,
+        flag_value="race",
+        type=cloup.Choice(["race", "quick", "anneal", "direct"]),
+        help="Turn it first, to where it needs the least correction and fits: see `layerfix orient`.",
+    ),
+    cloup.option(
         "--fill",
         type=cloup.Choice(["nonzero", "even_odd", "positive"]),
         help="Which parts of overlapping shells are solid. [default: nonzero]",

@@ -13,18 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from layerfix.commands.fix import min_feature_of
 from layerfix.commands.options import Options
+from layerfix.commands.standing import printing_of
 from layerfix.draw.canvas import SUFFIXES as DRAWINGS
 from layerfix.draw.sphere import scatter, sphere_map
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
 from layerfix.formats import find_format, read_mesh, write
-from layerfix.layers.feature import check_feature_mm
 from layerfix.orientation.aims import UNITS
 from layerfix.orientation.find import Options as SearchOptions
 from layerfix.orientation.find import Orientation, find, written
-from layerfix.orientation.objective import Objective, Printing
+from layerfix.orientation.objective import Objective
 
 if TYPE_CHECKING:
     from layerfix.mesh.triangles import Mesh
@@ -104,23 +103,6 @@ def _mesh(source: Path, options: Options) -> Mesh:
     return read_mesh(source, unit=options.slicing.unit, scale=options.slicing.scale or 1.0)
 
 
-def printing_of(mesh: Mesh, options: Options) -> Printing:
-    """How the part would be printed, from what was given and the printer. Raises InputError for what is missing."""
-    printer, frame = options.printer, options.frame
-    pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
-    layer_mm = frame.layer_mm or (printer.layer_mm if printer else None)
-    if pixel_mm is None or layer_mm is None:
-        raise InputError(
-            f"{mesh.name}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)"
-        )
-    first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
-    min_feature_mm = min_feature_of(options)
-    check_feature_mm(min_feature_mm, pixel_mm)
-    mode = options.correction.mode or (printer.mode if printer else "as_printed")
-    spurs = options.correction.spurs or "metric"
-    return Printing(pixel_mm, layer_mm, min_feature_mm, first_mm, mode, spurs, options.slicing.fill or "nonzero")
-
-
 def room_of(options: Options, fit: bool) -> tuple[float, float, float] | None:
     """The printer's, if poses are to fit. Raises InputError for a printer that was not given."""
     if not fit:
@@ -173,7 +155,9 @@ def map_of(found: Orientation) -> Any:
     directions, values = found.landscape()
     both = bool(found.aims.of_shape)
     name, best = found.objective.mesh.name, found.best
-    title = f"{name}: {found.initial.changed_px} px to correct as given, {best.changed_px} px at θ = {_theta(best)}"
+    title = (
+        f"{name}: {found.initial.changed_px} px to correct as given, {best.changed_px} px at theta = {_theta(best)}"
+    )
     unit = "weighted sum" if both else "px corrected"
     return sphere_map(directions, values, best=np.array(best.direction), given=np.array([0.0, 0.0, 1.0]), unit=unit,
                       title=title, both=both)  # fmt: skip
@@ -224,12 +208,14 @@ def front_drawing(found: Orientation, front: Sequence[Candidate], names: Sequenc
     ]
     on_front = {(one.theta_rad, one.psi_rad) for one in front}
     dark = [k for k, one in enumerate(shown) if (one.theta_rad, one.psi_rad) in on_front]
-    distance = [math.dist(one.direction, found.best.direction) for one in shown]
+    distance = [
+        math.dist(one.direction, found.best.direction) + abs(one.psi_rad - found.best.psi_rad) for one in shown
+    ]
     return scatter(
         [one.changed_px for one in shown],
         [one.terms[name] for one in shown],
         x_title="correction in px",
-        y_title=f"{name} in {UNITS[name]}",
+        y_title=f"{name} in {UNITS[name].replace('²', '2').replace('³', '3')}",
         front=dark,
         best=int(np.argmin(distance)),
         title=f"{found.objective.mesh.name}: correction against {name}",

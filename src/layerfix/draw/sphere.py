@@ -149,8 +149,12 @@ def _bar(drawing: Drawing, x: float, low: float, high: float, logarithmic: bool,
     for k in range(5):
         share = k / 4
         value = low * (high / low) ** share if logarithmic else low + (high - low) * share
-        drawing.text(x + 25, top + tall * (1 - share) + 5, f"{value:.3g}", 14, INK)
+        drawing.text(x + 25, top + tall * (1 - share) + 5, _number(float(value)), 14, INK)
     drawing.text(x, top - 14, unit, 14, INK)
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}".replace(",", " ") if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def _colour(share: float) -> str:
@@ -171,7 +175,7 @@ def scatter(
     best: int | None,
     title: str = "",
 ) -> Drawing:
-    """One aim against another: all poses pale, those on the front dark and joined, the chosen one with a ring."""
+    """One aim against another: all poses pale, those on the front dark, the chosen one with a ring."""
     drawing = Drawing(760, 600)
     left, top, wide, tall = 96.0, 64.0, 620.0, 440.0
     xs, ys = np.asarray(x, np.float64), np.asarray(y, np.float64)
@@ -186,12 +190,11 @@ def scatter(
         gx, gy = left + wide * (0.04 + 0.92 * share), top + tall * (1 - 0.04 - 0.92 * share)
         drawing.line([(gx, top), (gx, top + tall)], 1, RULE)
         drawing.line([(left, gy), (left + wide, gy)], 1, RULE)
-        drawing.text(gx, top + tall + 20, f"{xs.min() + share * np.ptp(xs):.3g}", 13, INK, "middle")
-        drawing.text(left - 8, gy + 5, f"{ys.min() + share * np.ptp(ys):.3g}", 13, INK, "end")
+        drawing.text(gx, top + tall + 20, _number(float(xs.min() + share * np.ptp(xs))), 13, INK, "middle")
+        drawing.text(left - 8, gy + 5, _number(float(ys.min() + share * np.ptp(ys))), 13, INK, "end")
     for a, b in zip(px, py, strict=True):
         drawing.line([(a - 0.01, b), (a + 0.01, b)], 5, "#c3c8cf")
     order = sorted(front, key=lambda k: (xs[k], ys[k]))
-    drawing.line([(px[k], py[k]) for k in order] or [(0, 0)], 1.2, "#7fa3da")
     for k in order:
         drawing.line([(px[k] - 0.01, py[k]), (px[k] + 0.01, py[k])], 8, "#1f5fd6")
     if best is not None:

@@ -5,8 +5,8 @@ too bad, for the raster then changes what is too thin. Directions that the part'
 from the start; from the best a compass walks on to the bottom of their valleys.
 
 How the part lies on the plate (ψ) moves C by up to half, mostly by luck with the pixels. So directions are compared by
-the mean over a few angles. For those within TIE of the best mean, which count as equal, the best angle is looked for,
-the right way up; and of what then is within TIE of the lowest C, the lowest to build wins.
+the mean over a few angles. For those within TIE of the best mean, which count as equal, the best angle is looked
+for, the right way up; and of what then is within TIE of the lowest C, the lowest to build wins.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def _walk(search: Search, plan: Plan) -> None:
 
 
 def angles_of(search: Search, pose: Pose, count: int) -> list[Pose]:
-    """The pose at even in-plane angles that fit, from its own on. A quarter turn later the raster is the same again."""
+    """The pose at even in-plane angles that fit, from its own on. A quarter turn later the raster is the same."""
     angles = [pose, *(pose.turned(pose.psi + k * QUARTER_TURN / count) for k in range(1, count))]
     return [turned for turned in angles if search.fits(turned)]
 
