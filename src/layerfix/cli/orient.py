@@ -17,6 +17,7 @@ from layerfix.cli.shared import (
     JSON,
     MESH,
     PRINTER,
+    SCHEDULER,
     WORKERS,
     kernels_ready,
     options_from,
@@ -30,9 +31,6 @@ if TYPE_CHECKING:
     from layerfix.orientation.search import State
 
 METHODS = ["race", "quick", "anneal", "direct"]
-SCHEDULER = cloup.option(
-    "--scheduler", metavar="ADDRESS", help="Compute on the workers of a Dask scheduler: tcp://host:8786."
-)
 
 
 @cloup.command()

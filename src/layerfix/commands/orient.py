@@ -223,7 +223,7 @@ def front_drawing(found: Orientation, front: Sequence[Candidate], names: Sequenc
 
 
 def _theta(one: Candidate) -> str:
-    return f"[{one.theta_rad[0]:.2f}, {one.theta_rad[1]:.2f}]"
+    return f"[{', '.join(f'{angle:.2f}'.replace('-0.00', '0.00') for angle in one.theta_rad)}]"
 
 
 def lines_of(found: Orientation, written_to: Sequence[Path]) -> list[tuple[str, str]]:

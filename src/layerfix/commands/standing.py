@@ -56,7 +56,7 @@ def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None])
     if best.pose == given.pose:
         note = f"stands as it is given: of {found.screened} poses none needs less than {given.changed_px} px"
     else:
-        theta = ", ".join(f"{angle:.2f}" for angle in best.theta_rad)
+        theta = ", ".join(f"{angle:.2f}".replace("-0.00", "0.00") for angle in best.theta_rad)
         note = (
             f"turned by θ = [{theta}] and {best.psi_rad:.2f} rad on the plate: {best.changed_px} px to correct"
             f" instead of {given.changed_px} ({found.reduction_percent:.3g} % less)"

@@ -88,7 +88,7 @@ class Shape:
 class Aims:
     """A weighted sum of aims, each divided by what it is for the part as it is given.
 
-    weights  of AIMS, 0 or more. added and removed are both divided by their initial sum: equal weights are the paper's
+    weights  of AIMS, 0 or more. added and removed are both divided by their initial sum: equal weights, the paper's C
     scale    what each is divided by
     """
 

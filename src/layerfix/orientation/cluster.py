@@ -95,6 +95,14 @@ def send(client: Any, function: Callable[..., Any], *arguments: Any, **own: Any)
         return client.submit(function, *arguments, **own)
 
 
+def as_ready(client: Any, futures: Any = ()) -> Any:
+    """Futures of a client as they are done; more can be added."""
+    import distributed
+
+    make: Any = distributed.as_completed
+    return make(futures, loop=client.loop)
+
+
 class Cluster:
     """The workers of a scheduler, by its address or a client of it."""
 
@@ -113,11 +121,9 @@ class Cluster:
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """As `Engine.run`. Raises InputError for a worker that cannot do it."""
-        import distributed
-
         left = self._seconds.chunks(tasks, self.workers)
         waiting: dict[Any, list[int]] = {}
-        ready: Any = distributed.__dict__["as_completed"](loop=self._client.loop)
+        ready = as_ready(self._client)
 
         def more() -> None:
             while left and len(waiting) < AHEAD * self.workers:

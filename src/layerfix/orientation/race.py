@@ -4,8 +4,8 @@ Layers are left out, never pixels: on every second or fourth pixel the best dire
 too bad, for the raster then changes what is too thin. Directions that the part's shape suggests are counted in full
 from the start; from the best a compass walks on to the bottom of their valleys.
 
-How the part lies on the plate (ψ) moves C by up to half, mostly by luck with the pixels. So directions are compared by
-the mean over a few angles. For those within TIE of the best mean, which count as equal, the best angle is looked
+How the part lies on the plate (ψ) moves C by up to half, mostly by luck with the pixels. So directions are compared
+by the mean over a few angles. For those within TIE of the best mean, which count as equal, the best angle is looked
 for, the right way up; and of what then is within TIE of the lowest C, the lowest to build wins.
 """
 
