@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from layerfix.commands.fix import min_feature_of, open_stack, usual_mode
+from layerfix.commands.fix import open_stack, usual_mode
+from layerfix.commands.options import min_feature_of
 from layerfix.files import check_input
 from layerfix.layers.verdict import judge, narrowest_place
 from layerfix.units import counted, format_mm

@@ -19,7 +19,7 @@ from layerfix.commands.notes import (
     told_of_specks,
     told_of_topology,
 )
-from layerfix.commands.options import Options, flag, refuse_given
+from layerfix.commands.options import Options, flag, min_feature_of, refuse_given
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
 from layerfix.formats import (
@@ -274,15 +274,6 @@ def usual_mode(printer: Printer | None, stack: LayerStack) -> Mode:
     if printer:
         return printer.mode
     return "add_only" if stack.container is not None else "as_printed"
-
-
-def min_feature_of(options: Options) -> float:
-    """What was given, or the printer's. Raises InputError if there is neither."""
-    if options.correction.min_feature_mm is not None:
-        return options.correction.min_feature_mm
-    if options.printer is None:
-        raise InputError("no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer")
-    return options.printer.min_feature_mm
 
 
 def _fits_only_turned(mesh: Mesh, printer: Printer | None) -> bool:

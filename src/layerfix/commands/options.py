@@ -126,3 +126,12 @@ def refuse_given(part: Slicing | Greys, why: str) -> None:
     names = [f.name for f in fields(part) if getattr(part, f.name) is not None]
     if names:
         raise InputError(f"{', '.join(map(flag, names))}: {why}")
+
+
+def min_feature_of(options: Options) -> float:
+    """What was given, or the printer's. Raises InputError if there is neither."""
+    if options.correction.min_feature_mm is not None:
+        return options.correction.min_feature_mm
+    if options.printer is None:
+        raise InputError("no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer")
+    return options.printer.min_feature_mm

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from layerfix.commands.options import min_feature_of
 from layerfix.errors import InputError
+from layerfix.layers.feature import check_feature_mm
 from layerfix.orientation.find import Options as SearchOptions
 from layerfix.orientation.find import find
 from layerfix.orientation.objective import Objective, Printing
@@ -19,9 +21,6 @@ if TYPE_CHECKING:
 
 def printing_of(mesh: Mesh, options: Options) -> Printing:
     """How the part would be printed, from what was given and the printer. Raises InputError for what is missing."""
-    from layerfix.commands.fix import min_feature_of
-    from layerfix.layers.feature import check_feature_mm
-
     printer, frame = options.printer, options.frame
     pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
     layer_mm = frame.layer_mm or (printer.layer_mm if printer else None)

@@ -7,6 +7,8 @@ worker dies is run again by the scheduler, elsewhere or when a worker comes.
 
 from __future__ import annotations
 
+import re
+import socket
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -32,16 +34,31 @@ def connected(address: str) -> Any:
         raise InputError("a scheduler needs Dask: pip install 'layerfix[dask]'") from problem
     import logging
 
-    logging.getLogger("distributed").setLevel(logging.ERROR)  # it tells of workers that come and go
+    for name in ("distributed", "distributed.client"):  # which tell of workers that come and go
+        logging.getLogger(name).setLevel(logging.ERROR)
+    address = address if "://" in address else f"tcp://{address}"
     try:
+        _answers(address)
         make: Any = Client
         return make(address, timeout=f"{WAIT_S}s", set_as_default=False)
-    except (OSError, TimeoutError, ValueError, RuntimeError, ImportError) as problem:
+    except (OSError, ValueError, OverflowError, RuntimeError, ImportError) as problem:
         reason = " ".join(str(problem).split())[:120] or type(problem).__name__
         raise InputError(
             f"scheduler {address}: does not answer ({reason}); start one with `dask scheduler`, and give its address"
             " as tcp://host:8786"
         ) from problem
+
+
+def _answers(address: str) -> None:
+    """Raises OSError or ValueError unless something listens there: a client that could not connect takes its time to
+    go away again."""
+    found = re.fullmatch(r"(?:tcp|tls)://(.+):(\d{1,5})/?", address)
+    if found is None:
+        if address.startswith(("tcp://", "tls://")):
+            raise ValueError("an address has a host and a port")
+        return  # of another kind: its maker knows
+    with socket.create_connection((found[1].strip("[]"), int(found[2])), timeout=WAIT_S):
+        pass
 
 
 def checked(client: Any) -> int:

@@ -15,7 +15,7 @@ from layerfix.errors import InputError
 from layerfix.orientation.aims import MORE_IS_BETTER, OF_SHAPE, Aims, Shape, aims_for, check_weights
 from layerfix.orientation.anneal import COOLINGS, EVALUATIONS, Annealing, Cooling, anneal, direct
 from layerfix.orientation.directions import AS_GIVEN, Pose, distinct, fibonacci, pose_of
-from layerfix.orientation.engines import engine_for
+from layerfix.orientation.executors import engine_for
 from layerfix.orientation.objective import Counts, Objective, Printing
 from layerfix.orientation.race import QUICK, RACE, angles_of, race
 from layerfix.orientation.record import Record
@@ -379,8 +379,12 @@ def _outcome(search: Search, options: Options, pose: Pose, interrupted: bool) ->
     aims = search.aims
     assert aims is not None
     whole = search.whole()
+    if not whole:
+        raise InputError(
+            f"{search.objective.mesh.name}: no pose that fits, and is as high as a layer, was counted in full"
+        )
     if interrupted:
-        pose = whole[0] if whole else AS_GIVEN
+        pose = whole[0]
     if aims.of_shape and aims.value(pose.flipped(), search.seen[pose]) < aims.value(pose, search.seen[pose]):
         search.seen[pose.flipped()] = search.seen[pose]  # it was found for its opposite
         pose = pose.flipped()

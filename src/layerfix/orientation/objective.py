@@ -114,7 +114,7 @@ class Objective:
         mesh, printing = self.mesh, self.printing
         if not isinstance(mesh, Mesh):
             object.__setattr__(self, "mesh", mesh := Mesh(mesh.vertices, mesh.faces))  # a trimesh.Trimesh, say
-        if thickness_mm(mesh) < 1e-9 * max(mesh.size_mm):
+        if thickness_mm(mesh) < 1e-7 * max(mesh.size_mm):
             raise InputError(f"{mesh.name}: the part is flat; it has no thickness in any direction")
         # As it stands: whatever is refused is refused before any work.
         stack = slice_mesh(mesh, pixel_mm=printing.pixel_mm, layer_mm=min(printing.layer_mm, mesh.size_mm[2]),

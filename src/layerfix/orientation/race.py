@@ -73,7 +73,7 @@ class Plan:
 
 
 RACE = Plan()
-QUICK = Plan(directions=400, layers=24, finished=10, compass=1, finalists=4, swept=1, sweep=8)
+QUICK = Plan(directions=400, finished=10, compass=1, finalists=4, swept=1, sweep=8)
 
 
 def race(search: Search, plan: Plan) -> Pose:

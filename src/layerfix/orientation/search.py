@@ -119,7 +119,7 @@ class Search:
         if before is None:
             self.order.append(pose)
         self.equivalents += more.seen / max(found.layers, 1)
-        if found.whole and self.aims is not None:
+        if found.whole and self.aims is not None and self.fits(pose):
             value = self.value(pose)
             if self.best is None or value < self.best.value:
                 self.best = Best(pose, found, value)
@@ -150,6 +150,6 @@ class Search:
         return [self.value(pose) for pose in poses]
 
     def whole(self) -> list[Pose]:
-        """Poses that were counted in full, best first."""
-        found = [pose for pose in self.order if self.seen[pose].whole and self.seen[pose].layers]
+        """Poses that were counted in full, and fit, best first."""
+        found = [p for p in self.order if self.seen[p].whole and self.seen[p].layers and self.fits(p)]
         return sorted(found, key=lambda pose: (self.value(pose), pose != AS_GIVEN))
