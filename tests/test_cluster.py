@@ -139,7 +139,7 @@ def test_a_client_of_ones_own_is_used_and_left_open(cluster, local):
 
 
 def test_a_batch_survives_its_workers(cluster, tmp_path):
-    """Twelve parts, both workers killed after the first result, one new: every output as written here, to the byte."""
+    """Twelve parts, both workers killed after the first result, one new: every output as here, to the byte."""
     sources = []
     for k in range(12):
         part = joined(thin_part(), box([1 + 0.3 * k, 1, 0], [1.15 + 0.3 * k, 3, 1]))

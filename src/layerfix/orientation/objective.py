@@ -189,10 +189,11 @@ class Objective:
         The order spreads the first n layers evenly over the part, whatever n is. stopped: asked now and then; once it
         says so, KeyboardInterrupt is raised. A part too low for a layer in this pose has 0 layers.
         """
-        found = self._stand(pose)
+        found = self.stand(pose)
         if found.height_mm <= (self.printing.first_layer_mm or self.printing.layer_mm) / 2:
             return Counts(0, 0, 0, 0, 0, (0, 0, 0), found.height_mm)
-        z_mm, counted = self._counter(pose, found)
+        cut = self.cut(pose, found)
+        z_mm, counted = self._one_by_one(pose) if cut is None else (cut.z_mm, self._kernel(cut))
         chosen = spread_order(len(z_mm))[first:stop]
         sums, lowest = np.zeros(3, np.int64), np.zeros(3, np.int64)
         for k in range(0, len(chosen), CHUNK_LAYERS):
@@ -218,50 +219,53 @@ class Objective:
         )
         return solid, added, removed
 
-    def _stand(self, pose: Pose) -> _Standing:
+    def stand(self, pose: Pose) -> Standing:
+        """The vertices in a pose."""
         if self.mesh.parts:
             turned = self._turned(pose)
-            return _Standing(turned.vertices, turned.bounds_mm)
+            return Standing(turned.vertices, turned.bounds_mm)
         points, bounds = np.empty_like(self.mesh.vertices), np.empty((2, 3))
         matrix = pose.matrix
         shift = self.middle_mm - matrix @ self.middle_mm
         shift[2] = 0.0
         stand(self.mesh.vertices, matrix, shift, points, bounds)
-        return _Standing(points, bounds)
+        return Standing(points, bounds)
 
-    def _counter(
-        self, pose: Pose, found: _Standing
-    ) -> tuple[NDArray[np.float64], Callable[[NDArray[np.int64]], NDArray[np.int64]]]:
-        """(bounds of the layers; what counts chosen layers) of the part in its pose."""
-        printing = self.printing
-        if not self.mesh.parts and not printing.rescue:
-            width, height, origin, z_mm, quantum, planes = pixels_and_planes(
-                found.box(self.mesh.name),
-                pixel_mm=printing.pixel_mm,
-                layer_mm=printing.layer_mm,
-                first_layer_mm=printing.first_layer_mm,
-                margin_mm=printing.min_feature_mm,
-            )
-            points, faces, closed = found.points, self.mesh.faces, True
-            snap(points, np.array(origin), *printing.pixel_mm, float(found.bounds[0, 2]), quantum)
-            if not self._sound:
-                faces = without_doubles(points, faces)
-                closed = edges_balance(points, faces)
-                if not closed:
-                    faces = orient(points, faces)
-                    closed = edges_balance(points, faces)
-            if closed:
-                rule = FILLS[printing.fill]
-                return z_mm, lambda chosen: count_layers(
-                    points, faces, planes[chosen], (width, height), rule, self._tool
-                )
+    def cut(self, pose: Pose, found: Standing) -> Cut | None:
+        """The part on pixels and layers, ready for the kernel, which takes the vertices; None if it cannot be."""
+        printing, faces = self.printing, self.mesh.faces
+        if self.mesh.parts or printing.rescue:
+            return None
+        width, height, origin, z_mm, quantum, planes = pixels_and_planes(
+            found.box(self.mesh.name),
+            pixel_mm=printing.pixel_mm,
+            layer_mm=printing.layer_mm,
+            first_layer_mm=printing.first_layer_mm,
+            margin_mm=printing.min_feature_mm,
+        )
+        points = found.points
+        snap(points, np.array(origin), *printing.pixel_mm, float(found.bounds[0, 2]), quantum)
+        if not self._sound:
+            faces = without_doubles(points, faces)
+            if not edges_balance(points, faces):
+                faces = orient(points, faces)
+                if not edges_balance(points, faces):
+                    return None
+        return Cut(points, faces, planes, (width, height), z_mm)
+
+    def _kernel(self, cut: Cut) -> Callable[[NDArray[np.int64]], NDArray[np.int64]]:
+        rule, tool = FILLS[self.printing.fill], self._tool
+        return lambda chosen: count_layers(cut.points, cut.faces, cut.planes[chosen], cut.size_px, rule, tool)
+
+    def _one_by_one(self, pose: Pose) -> tuple[NDArray[np.float64], Callable[[NDArray[np.int64]], NDArray[np.int64]]]:
+        """(bounds of the layers; what counts chosen ones) by way of the public functions."""
         fixed = self.corrected(pose)
 
-        def count_one_by_one(chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+        def counted(chosen: NDArray[np.int64]) -> NDArray[np.int64]:
             changes = [fixed[int(k)].change for k in chosen]
             return np.array([(c.solid_px, c.added_px, c.removed_px) for c in changes if c is not None], np.int64)
 
-        return fixed.z_mm, count_one_by_one
+        return fixed.z_mm, counted
 
     def corrected(self, pose: Pose) -> LayerStack:
         """The corrected layers of a pose, whose changes are what `count` counts: for meshes that are not closed."""
@@ -272,7 +276,7 @@ class Objective:
         return correct(stack, min_feature_mm=printing.min_feature_mm, mode=printing.mode, spurs=printing.spurs)
 
 
-class _Standing(NamedTuple):
+class Standing(NamedTuple):
     """The vertices in a pose, and the lowest and the highest corner."""
 
     points: NDArray[np.float64]
@@ -286,6 +290,16 @@ class _Standing(NamedTuple):
         """The smallest mesh with these bounds: all that pixels and layers depend on."""
         low, high = self.bounds
         return Mesh(np.array([low, high, low]), np.array([[0, 1, 2]], np.int32), name)
+
+
+class Cut(NamedTuple):
+    """A closed mesh as `count_layers` takes it, and the bounds of its layers."""
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    planes: NDArray[np.float64]
+    size_px: tuple[int, int]
+    z_mm: NDArray[np.float64]
 
 
 @lru_cache(maxsize=4096)
