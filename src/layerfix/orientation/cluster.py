@@ -65,7 +65,7 @@ def checked(client: Any) -> int:
     """How many threads the workers have. Raises InputError if there are none, or one of another version."""
     with suppress(Exception):  # a TimeoutError of one of three classes
         client.wait_for_workers(1, timeout=WAIT_S)
-    if not client.scheduler_info(n_workers=-1)["workers"]:
+    if not client.nthreads():
         where = client.scheduler.address
         raise InputError(f"scheduler {where}: has no workers; start some with `dask worker {where}`")
     try:
@@ -80,8 +80,7 @@ def checked(client: Any) -> int:
         raise InputError(
             f"the worker at {where} runs layerfix {version}, this is layerfix {__version__}: install the same on both"
         )
-    workers = client.scheduler_info(n_workers=-1)["workers"]
-    return sum(int(worker["nthreads"]) for worker in workers.values()) or 1
+    return sum(int(threads) for threads in client.nthreads().values()) or 1
 
 
 def _version() -> str:

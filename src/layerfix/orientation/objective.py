@@ -1,7 +1,7 @@
 """The objective C(θ) = Σ |Ŝ - S| (paper, equation 5): what correction adds and removes, for one pose of a part.
 
-Layers are cut at their mid-planes alone. What `slice_mesh` rescues besides, sheets between two mid-planes, is little,
-and costs half as much time again (docs/orient.md has both measured).
+Layers are cut at their mid-planes alone. What `slice_mesh` rescues besides, sheets between mid-planes, changed C by
+0.0 to 1.5 % in 90 poses of four parts, and never which of them was best.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from layerfix.mesh.slicing import Fill
     from layerfix.stack import LayerStack
 
-CHUNK_LAYERS = 128  # between two looks at whether to stop
+CHUNK_PX = 1 << 26  # of layers, between two looks at whether to stop: half a second or less
+CHUNK_LAYERS = 4, 128  # at least and at most
 FULL = 1 << 40  # more layers than any part has
 
 
@@ -196,10 +197,12 @@ class Objective:
         z_mm, counted = self._one_by_one(pose) if cut is None else (cut.z_mm, self._kernel(cut))
         chosen = spread_order(len(z_mm))[first:stop]
         sums, lowest = np.zeros(3, np.int64), np.zeros(3, np.int64)
-        for k in range(0, len(chosen), CHUNK_LAYERS):
+        step = CHUNK_LAYERS[0] if cut is None else CHUNK_PX // (cut.size_px[0] * cut.size_px[1])
+        step = min(max(step, CHUNK_LAYERS[0]), CHUNK_LAYERS[1])
+        for k in range(0, len(chosen), step):
             if stopped is not None and stopped():
                 raise KeyboardInterrupt
-            some = np.sort(chosen[k : k + CHUNK_LAYERS])
+            some = np.sort(chosen[k : k + step])
             counts = counted(some)
             sums += counts.sum(axis=0)
             lowest += counts[some == 0].sum(axis=0)
