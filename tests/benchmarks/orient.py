@@ -26,7 +26,8 @@ PAPER = {
     "dragon": (35, 51.7),
     "helical-tower": (151, 16.1),
 }
-EVALUATIONS = 300
+PAPERS = 300  # evaluations
+EVALUATIONS = int(os.environ.get("LAYERFIX_EVALUATIONS", "300"))
 # Other people's parts, if they are there: a folder in $LAYERFIX_MESHES.
 OTHERS = (
     "benchy_deck.stl",
@@ -53,12 +54,12 @@ def objective_of(name: str, spurs: str = "metric") -> Objective:
     return Objective(mesh, Printing((step, step), step, 8 * step, spurs=spurs))
 
 
-def evaluated(engine: Engine, poses: list[Pose]) -> float:
-    """Seconds of counting them in full."""
-    started = time.perf_counter()
+def evaluated(engine: Engine, poses: list[Pose]) -> tuple[float, float]:
+    """Seconds of counting them in full, and of processors at it (of this process)."""
+    started, busy = time.perf_counter(), time.process_time()
     for _ in engine.run([(pose, 0, FULL) for pose in poses]):
         pass
-    return time.perf_counter() - started
+    return time.perf_counter() - started, time.process_time() - busy
 
 
 def shares(objective: Objective, poses: list[Pose]) -> tuple[float, float, float]:
@@ -94,15 +95,28 @@ def speed() -> None:
             objective = objective_of(name, spurs)
             engine = Threads(objective)
             evaluated(engine, directions[:2])
-            seconds = evaluated(engine, directions)
+            seconds, busy_s = evaluated(engine, directions)
             parts = shares(objective, directions[::60]) if spurs == "metric" else None
             spent = " / ".join(f"{100 * part:.0f} %" for part in parts) if parts else ""
-            rate, paper_s = EVALUATIONS / seconds, 60.0 * minutes
-            rows.append([name, spurs, seconds, rate, paper_s, f"{paper_s / seconds:.0f} ×", spent])
+            rate, paper_s = EVALUATIONS / seconds, 60.0 * minutes * EVALUATIONS / PAPERS
+            rows.append([name, spurs, seconds, busy_s, rate, paper_s, f"{paper_s / seconds:.0f} ×",
+                         f"{paper_s / (busy_s / engine.workers):.0f} ×", spent])  # fmt: skip
     print(
-        f"{EVALUATIONS} directions in full, {len(os.sched_getaffinity(0))} threads; the paper: 8 cores at 3.7 GHz.\n"
+        f"{EVALUATIONS} directions in full, {len(os.sched_getaffinity(0))} threads; the paper: {PAPERS} on 8 cores at"
+        " 3.7 GHz. Idle: the ratio if the threads had the cores to themselves.\n"
     )
-    table(("model", "ends of paths", "seconds", "a second", "paper, s", "ratio", "turn / slice / correct"), rows)
+    head = (
+        "model",
+        "ends of paths",
+        "s",
+        "processor s",
+        "a second",
+        "paper, s",
+        "ratio",
+        "idle",
+        "turn / slice / correct",
+    )
+    table(head, rows)
 
 
 def methods() -> None:
@@ -148,7 +162,7 @@ def workers() -> None:
     for count in (1, 2, 4, 8):
         engine = Processes(objective, count)
         evaluated(engine, poses[: 4 * count])  # the processes begin, and read the part
-        seconds = evaluated(engine, poses)
+        seconds, _ = evaluated(engine, poses)
         engine.close()
         rows.append([count, len(poses) / seconds, len(poses) / seconds / float(rows[0][1]) if rows else 1.0])
     task = [(poses[0], 0, FULL)]
