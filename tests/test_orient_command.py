@@ -213,4 +213,4 @@ def test_many_files_need_a_folder(part):
     """And its options need it, too."""
     done = run_layerfix("fix", part, part, "out.zip", *HOW)
     assert done.code == 2
-    assert "give --out-dir DIR for their results" in done.err
+    assert "Several inputs go with --out-dir DIR" in done.err

@@ -182,7 +182,8 @@ def fix(
     if not more:
         raise click.UsageError("Missing argument 'OUT'.")
     if len(more) > 1:
-        raise click.UsageError(f"Got several inputs ({len(more) + 1} paths): give --out-dir DIR for their results.")
+        extra = " ".join(str(path) for path in more[1:])
+        raise click.UsageError(f"Got unexpected extra arguments ({extra}). Several inputs go with --out-dir DIR.")
     target = more[0]
     with kernels_ready():
         from layerfix.commands.fix import fix as run
