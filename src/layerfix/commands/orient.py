@@ -77,6 +77,8 @@ def orient(
         _check(path, source, FRONTS if path in wanted.fronts else SUFFIXES, options.run.force)
         if paths.count(path) > 1:
             raise OutputError(f"{path}: is named twice; every output needs a name of its own")
+    if wanted.log is not None and wanted.log in paths:
+        raise OutputError(f"{wanted.log}: is where the log goes; every output needs a name of its own")
     if wanted.resume and wanted.log is None:
         raise InputError("--resume: goes on from a log; give --log, too")
     search = wanted.search

@@ -45,6 +45,11 @@ def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None])
     def told(state: State) -> None:
         progress(round(state.done), max(round(state.total), 1))
 
+    if options.correction.keep_out is not None:
+        raise InputError(
+            "--orient and --keep-out: what is kept free would have to be turned, too; turn both first (the 4 × 4"
+            " transform is in the .json of `layerfix orient`)"
+        )
     room_mm = options.printer.build_mm if options.printer else None
     method = options.slicing.orient or "race"
     objective = Objective(mesh, printing_of(mesh, options))

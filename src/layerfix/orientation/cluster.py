@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import socket
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -135,7 +135,7 @@ class Cluster:
             raise
         self._seconds = Seconds()
 
-    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+    def run(self, tasks: Sequence[Task]) -> Generator[Done]:
         """As `Engine.run`. Raises InputError for a worker that cannot do it."""
         left = self._seconds.chunks(tasks, self.workers)
         waiting: dict[Any, list[int]] = {}

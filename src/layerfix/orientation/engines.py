@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import suppress
 from queue import SimpleQueue
 from threading import Thread
@@ -39,7 +39,7 @@ class Engine(Protocol):
     workers: int
     name: str
 
-    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+    def run(self, tasks: Sequence[Task]) -> Generator[Done]:
         """All of them, each once, in whatever order they are ready."""
 
     def close(self) -> None:
@@ -55,7 +55,7 @@ class Threads:
         self.name = f"{self.workers} thread{'s' if self.workers > 1 else ''}"
         self._stopped = False
 
-    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+    def run(self, tasks: Sequence[Task]) -> Generator[Done]:
         """As `Engine.run`. No executor: a Ctrl-C between its locks could hang it (see `layerfix.stack`)."""
         todo: SimpleQueue[int | None] = SimpleQueue()
         done: SimpleQueue[Done | BaseException] = SimpleQueue()

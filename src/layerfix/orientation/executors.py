@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import suppress
 from functools import lru_cache
@@ -82,7 +82,7 @@ class Executors:
         """Put a new pool in the place of a broken one; False if it is not ours."""
         return False
 
-    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+    def run(self, tasks: Sequence[Task]) -> Generator[Done]:
         """As `Engine.run`."""
         waiting: dict[Future[Any], list[int]] = {}
         attempts: dict[int, int] = {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
@@ -91,18 +92,19 @@ class Search:
             for a, b in pairwise(cuts):
                 tasks.append((pose, a, b))
                 owner.append(k)
-        for done in self.engine.run(tasks):
-            k = owner[done.number]
-            before = sums[k]
-            sums[k] = found = done.counts if before is None else before.with_more(done.counts)
-            waiting[k] -= 1
-            self.computed_s += done.seconds
-            if waiting[k]:
-                continue
-            pose, first = left[k]
-            if self.record is not None:
-                self.record.add(pose, first, layers, found)
-            self._take(pose, found)
+        with closing(self.engine.run(tasks)) as results:  # or threads would go on after a Ctrl-C
+            for done in results:
+                k = owner[done.number]
+                before = sums[k]
+                sums[k] = found = done.counts if before is None else before.with_more(done.counts)
+                waiting[k] -= 1
+                self.computed_s += done.seconds
+                if waiting[k]:
+                    continue
+                pose, first = left[k]
+                if self.record is not None:
+                    self.record.add(pose, first, layers, found)
+                self._take(pose, found)
 
     def _cuts(self, pose: Pose, first: int, layers: int, pieces: int) -> list[int]:
         if pieces < 2:
