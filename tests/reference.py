@@ -18,6 +18,7 @@ GROUPS = {
         *("trace_contours", "Contours", "settings_for", "PathSettings", "plan_toolpaths", "Toolpaths"),
         *("suggest_widths", "Widths", "banded", "WidthPlan"),
     ),
+    "Build direction": ("orient", "Orientation"),
     "Printers": ("load_printer", "Printer"),
     "Packed rows": ("pack", "unpack"),
     "Errors": ("LayerfixError",),

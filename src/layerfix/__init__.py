@@ -35,6 +35,8 @@ _HOME = {
     "banded": "fdm.bands",
     "Widths": "layers.widths",
     "WidthPlan": "fdm.width_plan",
+    "orient": "orientation.find",
+    "Orientation": "orientation.find",
     "Toolpaths": "fdm.toolpaths",
     "PathSettings": "fdm.settings",
     "read": "formats",
@@ -47,6 +49,7 @@ __all__ = [
     "LayerStack",
     "LayerfixError",
     "Mesh",
+    "Orientation",
     "PathSettings",
     "Printer",
     "Toolpaths",
@@ -60,6 +63,7 @@ __all__ = [
     "load_mesh",
     "load_printer",
     "meso_skeleton",
+    "orient",
     "pack",
     "plan_toolpaths",
     "read",
@@ -89,6 +93,7 @@ if TYPE_CHECKING:
     from layerfix.mesh.load import load_mesh
     from layerfix.mesh.slicing import slice_like, slice_mesh
     from layerfix.mesh.triangles import Mesh
+    from layerfix.orientation.find import Orientation, orient
     from layerfix.outlines.contours import Contours, trace_contours
     from layerfix.printers import Printer, load_printer
     from layerfix.stack import Layer, LayerStack

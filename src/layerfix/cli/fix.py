@@ -16,6 +16,7 @@ from layerfix.cli.shared import (
     JSON,
     MESH,
     PRINTER,
+    SCHEDULER,
     WORKERS,
     kernels_ready,
     options_from,
@@ -23,11 +24,12 @@ from layerfix.cli.shared import (
     summary_table,
 )
 from layerfix.cli.types import Area, Length, Percent, Range
+from layerfix.console import one_line
 
 
 @cloup.command()
 @cloup.argument("source", metavar="IN", type=cloup.Path(path_type=Path))
-@cloup.argument("target", metavar="OUT", type=cloup.Path(path_type=Path))
+@cloup.argument("more", metavar="OUT", nargs=-1, type=cloup.Path(path_type=Path))
 @cloup.option_group(
     "Printer and correction",
     PRINTER,
@@ -75,6 +77,13 @@ from layerfix.cli.types import Area, Length, Percent, Range
 @cloup.option_group(
     "A mesh as IN",
     *MESH,
+    cloup.option(
+        "--orient",
+        is_flag=False,
+        flag_value="race",
+        type=cloup.Choice(["race", "quick", "anneal", "direct"]),
+        help="Turn it first, to where it needs the least correction and fits: see `layerfix orient`.",
+    ),
     cloup.option(
         "--fill",
         type=cloup.Choice(["nonzero", "even_odd", "positive"]),
@@ -146,7 +155,24 @@ from layerfix.cli.types import Area, Length, Percent, Range
     FORCE,
     JSON,
 )
-def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given: Any) -> None:
+@cloup.option_group(
+    "Many files: layerfix fix IN IN … --out-dir DIR",
+    cloup.option("--out-dir", metavar="DIR", type=cloup.Path(path_type=Path), help="Each result under its own name."),
+    cloup.option(
+        "--out-type", metavar="SUFFIX", help="What is written: 3mf, gcode, zip … [default: as IN or the printer]"
+    ),
+    SCHEDULER,
+)
+def fix(
+    source: Path,
+    more: tuple[Path, ...],
+    printer: str | None,
+    as_json: bool,
+    out_dir: Path | None,
+    out_type: str | None,
+    scheduler: str | None,
+    **given: Any,
+) -> None:
     """Correct IN and write the layers to OUT.
 
     IN is a mesh (.stl .obj .ply .off .3mf .glb .gltf), a resin job (.sl1 .sl1s .m1 .goo .ctb .photon .cbddlp
@@ -162,7 +188,20 @@ def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given:
       layerfix fix part.3mf layers.zip --pixel 50um --layer 0.05mm --min-feature 0.4mm
       layerfix fix job.sl1 fixed.sl1 --min-feature 0.15mm
       layerfix fix layers.zip fixed.zip --min-feature 0.15mm --mode add_only
+      layerfix fix a.stl b.stl c.stl --out-dir fixed -p prusa-sl1s
     """
+    if out_dir is not None:
+        _fix_many([source, *more], out_dir, out_type, scheduler, printer, as_json, given)
+        return
+    for name, value in (("--out-type", out_type), ("--scheduler", scheduler)):
+        if value is not None:
+            raise click.UsageError(f"{name} goes with --out-dir")
+    if not more:
+        raise click.UsageError("Missing argument 'OUT'.")
+    if len(more) > 1:
+        extra = " ".join(str(path) for path in more[1:])
+        raise click.UsageError(f"Got unexpected extra arguments ({extra}). Several inputs go with --out-dir DIR.")
+    target = more[0]
     with kernels_ready():
         from layerfix.commands.fix import fix as run
         from layerfix.formats import load_kernels
@@ -171,3 +210,29 @@ def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given:
     with progress(f"correcting {source.name}") as shown:
         summary = run(source, target, options_from(printer, given), shown)
     click.echo(json.dumps(asdict(summary)) if as_json else summary_table(summary))
+
+
+def _fix_many(
+    sources: list[Path],
+    folder: Path,
+    out_type: str | None,
+    scheduler: str | None,
+    printer: str | None,
+    as_json: bool,
+    given: dict[str, Any],
+) -> None:
+    """Each into the folder; ends with 2 if one could not be corrected."""
+    with kernels_ready():
+        from layerfix.commands.batch import fix_all
+    suffix = None if out_type is None else "" if out_type == "folder" else out_type
+    with progress(f"correcting {len(sources)} files") as shown:
+        batch = fix_all(sources, folder, options_from(printer, given), suffix, scheduler, shown)
+    if as_json:
+        failed = [{"source": source, "error": reason} for source, reason in batch.failed]
+        click.echo(json.dumps({"done": [asdict(summary) for summary in batch.done], "failed": failed}))
+    elif batch.done:
+        click.echo("\n\n".join(map(summary_table, batch.done)))
+    for _, reason in batch.failed:
+        click.echo(f"layerfix: {one_line(reason)}", err=True)
+    if batch.failed:
+        raise click.exceptions.Exit(2)

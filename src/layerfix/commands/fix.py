@@ -98,7 +98,7 @@ def fix(
     check_before(target, options.printer)
     check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
-    stack, turned = opened(source, _antialiased(source, target, options))
+    stack, turned = opened(source, _antialiased(source, target, options), progress)
     check_options(target, options.output, find_writer(target, stack).takes, flag)
     min_feature_mm = min_feature_of(options)
     surface = _surface(target, stack, options)
@@ -204,11 +204,13 @@ def open_stack(source: Path, options: Options) -> LayerStack:
     return opened(source, options)[0]
 
 
-def opened(source: Path, options: Options) -> tuple[LayerStack, bool]:
+def opened(
+    source: Path, options: Options, progress: Callable[[int, int], None] = lambda done, total: None
+) -> tuple[LayerStack, bool]:
     """(layers; whether they are of a mesh that was turned)."""
     found, _ = find_format(source)
     if found.mesh is not None:
-        part = open_part(source, options)
+        part = open_part(source, options, progress)
         return part.stack, part.turned
     refuse_given(options.slicing, f"goes with meshes; {source} holds layers already")
     frame, greys = options.frame, {f: v for f, v in asdict(options.greys).items() if v is not None}
@@ -227,8 +229,10 @@ class Part(NamedTuple):
     turned: bool
 
 
-def open_part(source: Path, options: Options) -> Part:
-    """A mesh and its layers."""
+def open_part(
+    source: Path, options: Options, progress: Callable[[int, int], None] = lambda done, total: None
+) -> Part:
+    """A mesh and its layers, in its best build direction if that is asked for (told of in full poses)."""
     refuse_given(options.greys, f"goes with images and jobs; {source} is a mesh")
     printer, frame = options.printer, options.frame
     pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
@@ -246,6 +250,10 @@ def open_part(source: Path, options: Options) -> Part:
             paths.check_layer(height)
     slicing = options.slicing
     mesh = read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0)
+    if slicing.orient is not None:
+        from layerfix.commands.standing import standing
+
+        mesh = standing(mesh, options, progress)
     turned = _fits_only_turned(mesh, printer)
     mesh = mesh.transformed(QUARTER_TURN) if turned else mesh
     _check_size(mesh, printer, min_feature_mm)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from layerfix.layers.gaps import Grow
     from layerfix.layers.skeleton import Spurs
     from layerfix.mesh.slicing import Fill, ZSampling
+    from layerfix.orientation.find import Method
     from layerfix.printers import Printer
 
 
@@ -38,6 +39,7 @@ class Slicing:
     antialias: bool | None = None
     unit: str | None = None
     scale: float | None = None
+    orient: Method | None = None
 
 
 @dataclass(frozen=True)

@@ -490,7 +490,7 @@ def _layers(mesh: Mesh, layer_mm: float, first_layer_mm: float | None, z_samplin
 
 def _cutter(mesh: Mesh, grid: _Grid) -> _Cutter:
     z_mm = grid.z_mm
-    quantum = 10.0 ** (math.floor(math.log10(float((z_mm[:, 1] - z_mm[:, 0]).min()))) - 4)
+    quantum = _quantum(z_mm)
     points = np.empty_like(mesh.vertices)
     for start in range(0, len(points), CHUNK):
         vertices, out = mesh.vertices[start : start + CHUNK], points[start : start + CHUNK]
@@ -506,3 +506,26 @@ def _cutter(mesh: Mesh, grid: _Grid) -> _Cutter:
         closed = edges_balance(points, faces)
     starts, chosen = bucket(points, faces, planes, SLAB_LAYERS)
     return _Cutter(points, faces, planes, z_mm / quantum, starts, chosen, closed)
+
+
+def pixels_and_planes(
+    mesh: Mesh,
+    *,
+    pixel_mm: tuple[float, float],
+    layer_mm: float,
+    first_layer_mm: float | None,
+    margin_mm: float,
+) -> tuple[int, int, tuple[float, float], NDArray[np.float64], float, NDArray[np.float64]]:
+    """(width, height, origin, layers' bounds, z quantum, mid-planes in quanta) that `slice_mesh` takes for a mesh.
+
+    For those who cut one thousands of times and need no Layers.
+    """
+    width, height, origin = _frame(mesh, pixel_mm, margin_mm, None)
+    z_mm = _layers(mesh, layer_mm, first_layer_mm, "middle")
+    quantum = _quantum(z_mm)
+    return width, height, origin, z_mm, quantum, np.round(z_mm.mean(axis=1) / quantum, 1)
+
+
+def _quantum(z_mm: NDArray[np.float64]) -> float:
+    """What z is counted in: a decimal fraction of the lowest layer."""
+    return float(10.0 ** (math.floor(math.log10(float((z_mm[:, 1] - z_mm[:, 0]).min()))) - 4))

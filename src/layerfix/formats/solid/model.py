@@ -113,8 +113,14 @@ def write_mesh_3mf(path: Path, mesh: Mesh, options: WriteOptions) -> None:
 
 
 def write_mesh_obj(path: Path, mesh: Mesh, options: WriteOptions) -> None:
-    """A mesh as it is. Raises OutputError for one with parts that are cut out."""
-    _export(path, _for_export(path, mesh), "obj", options)
+    """A mesh as it is, Wavefront OBJ: every number as exact as it is known. Raises OutputError as for .3mf."""
+    check_whole(path, mesh)
+    with whole_file(path, force=options.force) as file:
+        file.write(b"# written by layerfix, in mm\n")
+        for x, y, z in mesh.vertices.tolist():
+            file.write(f"v {x!r} {y!r} {z!r}\n".encode())
+        for a, b, c in (mesh.faces + 1).tolist():
+            file.write(f"f {a} {b} {c}\n".encode())
 
 
 def write_mesh_ply(path: Path, mesh: Mesh, options: WriteOptions) -> None:
