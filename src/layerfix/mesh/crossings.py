@@ -24,6 +24,7 @@ INDICES = types.Array(types.int32, 1, "C")
 HEIGHTS = types.Array(types.float64, 1, "C", readonly=True)
 KEYS = types.Array(types.int64, 1, "C")
 SEEN = types.Array(types.uint64, 3, "C")
+RUNS = types.Array(types.int32, 2, "C")
 
 
 @njit
@@ -170,8 +171,8 @@ def _within(at_row, gx, z0, z1, low, high, first, stop):  # type: ignore[no-unty
     """Of a facet's centres first … stop - 1 in a row those in low < z ≤ high; z is at_row + gx · column."""
     if gx != 0 and stop - first > 2:
         one, other = (low - at_row) / gx, (high - at_row) / gx
-        first = max(first, math.floor(min(max(min(one, other), -1.0), stop)) - 1)
-        stop = min(stop, math.ceil(max(min(max(one, other), stop), -1.0)) + 2)
+        first = max(first, math.ceil(min(max(min(one, other), -1.0), stop) - 0.01))
+        stop = min(stop, math.floor(max(min(max(one, other), stop), -1.0) + 0.01) + 1)
     while first < stop and not low < min(max(at_row + gx * first, z0), z1) <= high:
         first += 1
     while first < stop and not low < min(max(at_row + gx * (stop - 1), z0), z1) <= high:
@@ -200,36 +201,45 @@ def longer(keys):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _more_runs(runs, planes):  # type: ignore[no-untyped-def]
-    """The same tables with room for as many more."""
-    n = runs.shape[0]
-    more, more_planes = np.empty((2 * n, 4), np.int32), np.empty((2 * n, 2), np.float64)
-    for r in range(n):
+def _longer_table(runs):  # type: ignore[no-untyped-def]
+    """The same table with room for as many more rows."""
+    more = np.empty((2 * runs.shape[0], 4), np.int32)
+    for r in range(runs.shape[0]):
         for k in range(4):
             more[r, k] = runs[r, k]
-        more_planes[r, 0], more_planes[r, 1] = planes[r, 0], planes[r, 1]
-    return more, more_planes
+    return more
 
 
 @njit
-def _keys_of(points, faces, chosen, runs, planes, low, high, width, seen):  # type: ignore[no-untyped-def]
+def _plane(points, a, b, c):  # type: ignore[no-untyped-def]
+    """(gx, gy): how z changes along x and y."""
+    xa, ya, za, area = points[a, 0], points[a, 1], points[a, 2], _area(points, a, b, c)
+    ux, uy, uz = points[b, 0] - xa, points[b, 1] - ya, points[b, 2] - za
+    vx, vy, vz = points[c, 0] - xa, points[c, 1] - ya, points[c, 2] - za
+    return (uz * vy - vz * uy) / area, (ux * vz - vx * uz) / area
+
+
+@njit
+def _keys_of(points, faces, chosen, runs, low, high, width, seen):  # type: ignore[no-untyped-def]
     """The crossings of runs over the pixels that both images of `seen` hold."""
     keys, k = np.empty(256, np.int64), 0
     scale = ((1 << Z_BITS) - 2) / (high - low)
     for r in range(runs.shape[0]):
         p, j, first, stop = runs[r]
         for w in range(first >> 6, ((stop - 1) >> 6) + 1):
-            bits = _bits(w, first, stop) & seen[0, j, w] & seen[1, j, w]
+            bits = _bits(w, first, stop) & seen[w, j, 0] & seen[w, j, 1]
             if bits == U0:
                 continue
             a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
             za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
             z0, z1 = min(za, zb, zc), max(za, zb, zc)
             begins = np.int64(_area(points, a, b, c) > 0)
+            gx, gy = _plane(points, a, b, c)
+            at_row = za + gy * (j - points[a, 1]) - gx * points[a, 0]
             while bits != U0:
                 i = np.int64(w) * 64 + lowest_bit(bits)
                 bits &= bits - U1
-                z = min(max(planes[r, 0] + planes[r, 1] * i, z0), z1)
+                z = min(max(at_row + gx * i, z0), z1)
                 place = min(max(np.int64((z - low) * scale) + 1, 1), (1 << Z_BITS) - 1)
                 if k == keys.shape[0]:
                     keys = longer(keys)
@@ -239,23 +249,23 @@ def _keys_of(points, faces, chosen, runs, planes, low, high, width, seen):  # ty
 
 
 @njit(
-    KEYS(
+    types.Tuple((KEYS, RUNS))(
         POINTS, TRIANGLES, INDICES, types.float64, types.float64, types.UniTuple(types.float64, 2), types.boolean,
-        types.int64, SEEN,
+        types.int64, SEEN, RUNS,
     ),
     cache=True,
     nogil=True,
 )  # fmt: skip
-def crossings(points, faces, chosen, low, high, always, alike, width, seen):  # type: ignore[no-untyped-def]
+def crossings(points, faces, chosen, low, high, always, alike, width, seen, runs):  # type: ignore[no-untyped-def]
     """Where facets cross low < z ≤ high over centres: pixel · 2^31 + place · 2 + (1 if the solid begins, upwards).
 
     Only of pixels with a facet that faces up and one that faces down there (`alike`: with two of any kind), and of
     those with one between the heights `always`.
 
-    seen  (2, height, words): two empty images, which will be empty again
+    seen  (words, height, 2): two empty images, which will be empty again
+    runs  a table to work in, which is returned, too: longer, if it was too short
     """
-    height = seen.shape[1]
-    runs, planes, n = np.empty((256, 4), np.int32), np.empty((256, 2), np.float64), 0
+    height, n = seen.shape[1], 0
     for p in range(chosen.shape[0]):
         a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
         za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
@@ -269,11 +279,9 @@ def crossings(points, faces, chosen, low, high, always, alike, width, seen):  # 
         j0, j1 = max(math.ceil(max(y0, points[top, 1])), 0), min(math.floor(y1) + 1, math.ceil(points[bottom, 1]), height)
         if j1 <= j0:
             continue
-        xa, ya, area = points[a, 0], points[a, 1], _area(points, a, b, c)
-        ux, uy, uz = points[b, 0] - xa, points[b, 1] - ya, zb - za
-        vx, vy, vz = points[c, 0] - xa, points[c, 1] - ya, zc - za
-        gx, gy = (uz * vy - vz * uy) / area, (ux * vz - vx * uz) / area
-        down = np.int64(0 if alike else area > 0)
+        xa, ya = points[a, 0], points[a, 1]
+        gx, gy = _plane(points, a, b, c)
+        down = np.int64(0 if alike else _area(points, a, b, c) > 0)
         near = z1 > always[0] and z0 <= always[1]
         x_long, y_long, long = points[top, 0], points[top, 1], _slope(points, top, bottom)
         x_short, y_short, short, above = x_long, y_long, _slope(points, top, middle), True
@@ -290,23 +298,22 @@ def crossings(points, faces, chosen, low, high, always, alike, width, seen):  # 
             if stop <= first:
                 continue
             if n == runs.shape[0]:
-                runs, planes = _more_runs(runs, planes)
+                runs = _longer_table(runs)
             runs[n, 0], runs[n, 1], runs[n, 2], runs[n, 3] = p, j, first, stop
-            planes[n, 0], planes[n, 1] = at_row, gx
             n += 1
             for w in range(first >> 6, ((stop - 1) >> 6) + 1):
                 bits = _bits(w, first, stop)
                 if alike:
-                    seen[1, j, w] |= seen[0, j, w] & bits
-                seen[down, j, w] |= bits
+                    seen[w, j, 1] |= seen[w, j, 0] & bits
+                seen[w, j, down] |= bits
             if near:
                 first, stop = _within(at_row, gx, z0, z1, always[0], always[1], first, stop)
                 if stop > first:
                     for w in range(first >> 6, ((stop - 1) >> 6) + 1):
-                        seen[1, j, w] |= _bits(w, first, stop)
-    keys = _keys_of(points, faces, chosen, runs[:n], planes[:n], low, high, width, seen)
+                        seen[w, j, 1] |= _bits(w, first, stop)
+    keys = _keys_of(points, faces, chosen, runs[:n], low, high, width, seen)
     for r in range(n):
         for w in range(runs[r, 2] >> 6, ((runs[r, 3] - 1) >> 6) + 1):
-            seen[0, runs[r, 1], w] = U0
-            seen[1, runs[r, 1], w] = U0
-    return keys
+            seen[w, runs[r, 1], 0] = U0
+            seen[w, runs[r, 1], 1] = U0
+    return keys, runs

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from threading import local
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -228,6 +229,7 @@ class Sheets:
     rule: int
     least: float = LEAST
     room: Room = field(default_factory=Room)
+    _runs: local = field(default_factory=local, init=False)
     _edges: NDArray[np.float64] = field(init=False)  # of the intervals between mid-planes, q below layer q
     _keys: Callable[[int], NDArray[np.int64]] = field(init=False)  # of an interval
     _facets: Callable[[int], NDArray[np.int32]] = field(init=False)  # of a slab
@@ -256,11 +258,7 @@ class Sheets:
             if not len(mine):
                 return np.zeros(0, np.int64)
             low, high = edges[q], edges[q + 1]
-            seen = self.room.empty_images(2, (height, words_for(width)))
-            keys: NDArray[np.int64] = crossings(*surface, mine, low, high, NOWHERE, alike, width, seen)
-            self.room.emptied(seen)
-            keys.sort()
-            return keys
+            return self._crossings(mine, low, high, NOWHERE, alike)
 
         object.__setattr__(self, "_keys", Remembered(interval, 16))
         object.__setattr__(self, "_edges", edges)
@@ -280,19 +278,31 @@ class Sheets:
         heights = np.diff(self.bounds[[max(index - 1, 0), index, min(index + 1, last)]], axis=1)[:, 0]
         slabs = range(max(index - 1, 0) // SLAB, min(index + 2, last + 1) // SLAB + 1)
         mine = np.unique(np.concatenate([self._facets(s) for s in slabs]))
-        width, height = self.size_px
         middle, deepest = self.planes[index], share * (top - bottom)
         clear = FOIL * (top - bottom)
         always = (
             min(middle, bottom + deepest, top - deepest) - clear,
             max(middle, bottom + deepest, top - deepest) + clear,
         )
-        seen = self.room.empty_images(2, (height, words_for(width)))
-        keys: NDArray[np.int64] = crossings(self.points, self.faces, mine, low, high, always, True, width, seen)
-        self.room.emptied(seen)
-        keys.sort()
+        keys = self._crossings(mine, low, high, always, True)
         return int(_cover(keys, segments, self.size_px[0], bounds, heights, self.planes[index], share,
                           self.least * heights[1], self.rule, rows))  # fmt: skip
+
+    def _crossings(
+        self, mine: NDArray[np.int32], low: float, high: float, always: tuple[float, float], alike: bool
+    ) -> NDArray[np.int64]:
+        """Those of some facets, sorted."""
+        width, height = self.size_px
+        seen = self.room.empty_images(words_for(width), (height, 2))
+        runs = getattr(self._runs, "kept", None)
+        keys: NDArray[np.int64]
+        keys, self._runs.kept = crossings(
+            self.points, self.faces, mine, low, high, always, alike, width, seen,
+            np.empty((4096, 4), np.int32) if runs is None else runs,
+        )  # fmt: skip
+        self.room.emptied(seen)
+        keys.sort()
+        return keys
 
     def near(self, index: int) -> bool:
         """Whether a layer's mid-plane may miss anything."""
