@@ -22,6 +22,7 @@ POINTS = types.Array(types.float64, 2, "C", readonly=True)
 TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
 INDICES = types.Array(types.int32, 1, "C")
 HEIGHTS = types.Array(types.float64, 1, "C", readonly=True)
+MARGIN_PX = 1e-6
 KEYS = types.Array(types.int64, 1, "C")
 SEEN = types.Array(types.uint64, 3, "C")
 RUNS = types.Array(types.int32, 2, "C")
@@ -248,6 +249,120 @@ def _keys_of(points, faces, chosen, runs, low, high, width, seen):  # type: igno
     return keys[:k].copy()
 
 
+@njit
+def _cut_off(points, a, b, c, low, high, xs, ys):  # type: ignore[no-untyped-def]
+    """Corners of a facet's part in low ≤ z ≤ high, one after the other. Returns how many there are, at most 9."""
+    n = 0
+    for p, q in ((a, b), (b, c), (c, a)):
+        zp, zq = points[p, 2], points[q, 2]
+        if low <= zp <= high:
+            xs[n], ys[n] = points[p, 0], points[p, 1]
+            n += 1
+        for z in (low, high) if zp < zq else (high, low):
+            if min(zp, zq) < z < max(zp, zq):
+                part = (z - zp) / (zq - zp)
+                xs[n] = points[p, 0] + part * (points[q, 0] - points[p, 0])
+                ys[n] = points[p, 1] + part * (points[q, 1] - points[p, 1])
+                n += 1
+    return n
+
+
+@njit
+def _reach(xs, ys, n, v0, v1, least, most):  # type: ignore[no-untyped-def]
+    """least[v], most[v] = the x from which and to which a convex shape with n corners reaches among the rows of
+    tiles v0 … v1."""
+    for v in range(v0, v1 + 1):
+        least[v], most[v] = math.inf, -math.inf
+    for k in range(n):
+        x0, y0, x1, y1 = xs[k], ys[k], xs[k - 1 if k else n - 1], ys[k - 1 if k else n - 1]
+        if y1 < y0:
+            x0, y0, x1, y1 = x1, y1, x0, y0
+        first = max(math.floor((y0 - MARGIN_PX) / TILE), v0)
+        last = min(math.floor((y1 + MARGIN_PX) / TILE), v1)
+        slope = (x1 - x0) / (y1 - y0) if y1 > y0 else 0.0
+        for v in range(first, last + 1):
+            above, under = v * TILE - MARGIN_PX, v * TILE + TILE - 1 + MARGIN_PX
+            if y1 < above or y0 > under:
+                continue
+            one = x0 if y0 >= above else x0 + (above - y0) * slope
+            other = x1 if y1 <= under else x0 + (under - y0) * slope
+            least[v], most[v] = min(least[v], one, other), max(most[v], one, other)
+
+
+@njit
+def _near_parts(points, faces, chosen, low, high, alike, width, height):  # type: ignore[no-untyped-def]
+    """Of the facets that cross low < z ≤ high their rows in tiles that may hold a pixel with one that faces up and one
+    that faces down (`alike`: with two of any kind): (n, 5) number in `chosen`, first row, past the last,
+    first column, past the last."""
+    across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+    tiles = np.zeros((along, across), np.uint8)
+    least, most = np.empty(along), np.empty(along)
+    xs, ys = np.empty(9), np.empty(9)
+    strips, n = np.empty((256, 4), np.int32), 0
+    for p in range(chosen.shape[0]):
+        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
+        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
+        if max(za, zb, zc) <= low or min(za, zb, zc) > high:
+            continue
+        corners = _cut_off(points, a, b, c, low, high, xs, ys)
+        if corners == 0:
+            continue
+        x0, x1, y0, y1 = xs[0], xs[0], ys[0], ys[0]
+        for k in range(1, corners):
+            x0, x1, y0, y1 = min(x0, xs[k]), max(x1, xs[k]), min(y0, ys[k]), max(y1, ys[k])
+        y0, y1 = y0 - MARGIN_PX, y1 + MARGIN_PX
+        if math.ceil(x0 - MARGIN_PX) > math.floor(x1 + MARGIN_PX):
+            continue
+        v0, v1 = max(math.floor(y0 / TILE), 0), min(math.floor(y1 / TILE), along - 1)
+        if v1 < v0 or math.ceil(y0) > math.floor(y1):
+            continue
+        if v1 - v0 < 2 and x1 - x0 < TILE or math.floor(x0 / TILE) == math.floor(x1 / TILE):
+            for v in range(v0, v1 + 1):
+                least[v], most[v] = x0, x1
+        else:
+            _reach(xs, ys, corners, v0, v1, least, most)
+        mark = np.uint8(2 if _area(points, a, b, c) > 0 else 1)
+        for v in range(v0, v1 + 1):
+            i0, i1 = math.ceil(least[v] - MARGIN_PX), math.floor(most[v] + MARGIN_PX)
+            if i1 < i0 or i1 < 0 or i0 >= width:
+                continue
+            u0, u1 = max(i0, 0) // TILE, min(i1, width - 1) // TILE
+            if n == strips.shape[0]:
+                strips = _longer_table(strips)
+            strips[n, 0], strips[n, 1], strips[n, 2], strips[n, 3] = p, v, u0, u1
+            n += 1
+            for u in range(u0, u1 + 1):
+                tiles[v, u] |= (tiles[v, u] << 1 | 1) & 3 if alike else mark
+    parts, k = np.empty((n, 5), np.int32), 0
+    for s in range(n):
+        p, v, u0, u1 = strips[s]
+        while u0 <= u1 and tiles[v, u0] != 3:
+            u0 += 1
+        while u0 < u1 and tiles[v, u1] != 3:
+            u1 -= 1
+        if u0 <= u1:
+            parts[k, 0], parts[k, 1], parts[k, 2] = p, v * TILE, min(v * TILE + TILE, height)
+            parts[k, 3], parts[k, 4] = u0 * TILE, min(u1 * TILE + TILE, width)
+            k += 1
+    return parts[:k]
+
+
+@njit
+def _all_parts(points, faces, chosen, low, high, width, height):  # type: ignore[no-untyped-def]
+    """The same of all facets, in all tiles."""
+    parts, n = np.empty((chosen.shape[0], 5), np.int32), 0
+    for p in range(chosen.shape[0]):
+        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
+        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
+        if max(za, zb, zc) > low and min(za, zb, zc) <= high:
+            y0, y1 = _rows_between(points, a, b, c, low, high)
+            if y0 < height and y1 >= 0:
+                parts[n, 0], parts[n, 1], parts[n, 2] = p, max(math.ceil(y0), 0), min(math.floor(y1) + 1, height)
+                parts[n, 3], parts[n, 4] = 0, width
+                n += 1
+    return parts[:n]
+
+
 @njit(
     types.Tuple((KEYS, RUNS))(
         POINTS, TRIANGLES, INDICES, types.float64, types.float64, types.UniTuple(types.float64, 2), types.boolean,
@@ -266,17 +381,17 @@ def crossings(points, faces, chosen, low, high, always, alike, width, seen, runs
     runs  a table to work in, which is returned, too: longer, if it was too short
     """
     height, n = seen.shape[1], 0
-    for p in range(chosen.shape[0]):
+    if always[0] > always[1]:
+        parts = _near_parts(points, faces, chosen, low, high, alike, width, height)
+    else:
+        parts = _all_parts(points, faces, chosen, low, high, width, height)
+    for part in range(parts.shape[0]):
+        p, j0, j1, i0, i1 = parts[part]
         a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
         za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
         z0, z1 = min(za, zb, zc), max(za, zb, zc)
-        if z1 <= low or z0 > high:
-            continue
-        y0, y1 = _rows_between(points, a, b, c, low, high)
-        if y0 >= height or y1 < 0:
-            continue
         top, middle, bottom = _by_rows(points, a, b, c)
-        j0, j1 = max(math.ceil(max(y0, points[top, 1])), 0), min(math.floor(y1) + 1, math.ceil(points[bottom, 1]), height)
+        j0, j1 = max(j0, math.ceil(points[top, 1])), min(j1, math.ceil(points[bottom, 1]))
         if j1 <= j0:
             continue
         xa, ya = points[a, 0], points[a, 1]
@@ -290,7 +405,7 @@ def crossings(points, faces, chosen, low, high, always, alike, width, seen, runs
                 x_short, y_short, short = points[middle, 0], points[middle, 1], _slope(points, middle, bottom)
                 above = False
             one, other = math.ceil(x_long + (j - y_long) * long), math.ceil(x_short + (j - y_short) * short)
-            first, stop = max(min(one, other), 0), min(max(one, other), width)
+            first, stop = max(min(one, other), i0), min(max(one, other), i1)
             if stop <= first:
                 continue
             at_row = za + gy * (j - ya) - gx * xa
