@@ -244,7 +244,7 @@ def _keys_of(points, faces, chosen, runs, low, high, width, seen):  # type: igno
                 place = min(max(np.int64((z - low) * scale) + 1, 1), (1 << Z_BITS) - 1)
                 if k == keys.shape[0]:
                     keys = longer(keys)
-                keys[k] = ((np.int64(j) * width + i) << (Z_BITS + 1)) | (place << 1) | begins
+                keys[k] = ((np.int64(j) * width + i) << (Z_BITS + 1)) | (np.int64(place) << 1) | begins
                 k += 1
     return keys[:k].copy()
 
@@ -291,9 +291,8 @@ def _reach(xs, ys, n, v0, v1, least, most):  # type: ignore[no-untyped-def]
 
 @njit
 def _near_parts(points, faces, chosen, low, high, alike, width, height):  # type: ignore[no-untyped-def]
-    """Of the facets that cross low < z ≤ high their rows in tiles that may hold a pixel with one that faces up and one
-    that faces down (`alike`: with two of any kind): (n, 5) number in `chosen`, first row, past the last,
-    first column, past the last."""
+    """Of facets that cross low < z ≤ high the rows in tiles that may hold a pixel with one facing up and one facing down
+    (`alike`: with two of any kind): (n, 5) number in `chosen`, first row, past the last, first column, past it."""
     across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
     tiles = np.zeros((along, across), np.uint8)
     least, most = np.empty(along), np.empty(along)
@@ -316,7 +315,7 @@ def _near_parts(points, faces, chosen, low, high, alike, width, height):  # type
         v0, v1 = max(math.floor(y0 / TILE), 0), min(math.floor(y1 / TILE), along - 1)
         if v1 < v0 or math.ceil(y0) > math.floor(y1):
             continue
-        if v1 - v0 < 2 and x1 - x0 < TILE or math.floor(x0 / TILE) == math.floor(x1 / TILE):
+        if (v1 - v0 < 2 and x1 - x0 < TILE) or math.floor(x0 / TILE) == math.floor(x1 / TILE):
             for v in range(v0, v1 + 1):
                 least[v], most[v] = x0, x1
         else:
