@@ -241,10 +241,11 @@ def _keys_of(points, faces, chosen, runs, low, high, width, seen):  # type: igno
                 i = np.int64(w) * 64 + lowest_bit(bits)
                 bits &= bits - U1
                 z = min(max(at_row + gx * i, z0), z1)
-                place = min(max(np.int64((z - low) * scale) + 1, 1), (1 << Z_BITS) - 1)
+                place = np.int64((z - low) * scale) + 1
+                place = min(max(place, np.int64(1)), np.int64((1 << Z_BITS) - 1))
                 if k == keys.shape[0]:
                     keys = longer(keys)
-                keys[k] = ((np.int64(j) * width + i) << (Z_BITS + 1)) | (np.int64(place) << 1) | begins
+                keys[k] = ((np.int64(j) * width + i) << (Z_BITS + 1)) | (place << 1) | begins
                 k += 1
     return keys[:k].copy()
 
@@ -291,7 +292,7 @@ def _reach(xs, ys, n, v0, v1, least, most):  # type: ignore[no-untyped-def]
 
 @njit
 def _near_parts(points, faces, chosen, low, high, alike, width, height):  # type: ignore[no-untyped-def]
-    """Of facets that cross low < z ≤ high the rows in tiles that may hold a pixel with one facing up and one facing down
+    """Of facets that cross low < z ≤ high the rows in tiles that may hold a pixel with one facing up and one down
     (`alike`: with two of any kind): (n, 5) number in `chosen`, first row, past the last, first column, past it."""
     across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
     tiles = np.zeros((along, across), np.uint8)
