@@ -13,10 +13,12 @@ TARGET = Path(__file__).parents[1] / "docs" / "python.md"
 GROUPS = {
     "Meshes and layers": ("load_mesh", "Mesh", "slice_mesh", "slice_like", "LayerStack", "Layer", "read", "write"),
     "Correction": ("correct", "correct_image", "meso_skeleton", "Conflict", "compare_topology", "TopologyChange"),
+    "Surfaces": ("surface_mesh",),
     "Outlines and toolpaths": (
         *("trace_contours", "Contours", "settings_for", "PathSettings", "plan_toolpaths", "Toolpaths"),
         *("suggest_widths", "Widths", "banded", "WidthPlan"),
     ),
+    "Build direction": ("orient", "Orientation"),
     "Printers": ("load_printer", "Printer"),
     "Packed rows": ("pack", "unpack"),
     "Errors": ("LayerfixError",),

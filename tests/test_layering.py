@@ -19,8 +19,9 @@ FLOORS = {
     0: ("errors", "units", "bits", "files", "console", "kernels", "kernel_cache", "kernels_ahead", "processors"),
     1: ("stack", "printers"),
     2: ("layers", "mesh"),
-    3: ("outlines", "fdm", "draw", "samples"),
+    3: ("outlines", "fdm", "surface", "draw", "samples", "orientation"),
     4: ("formats",),
+    5: ("report",),
     6: ("commands",),
     7: ("cli", "__main__"),
 }

@@ -204,7 +204,17 @@ def test_the_command_writes_what_the_library_writes(tmp_path, stack, suffix):
     """`fix` into a mesh: the printer's first layer and height; the same bytes for any number of workers."""
     part = write_stl(tmp_path / "part.stl", thin_part())
     for name, workers in (("one", 1), ("two", 4)):
-        run = run_layerfix("fix", part, tmp_path / f"{name}{suffix}", "--printer", PRINTER, "--workers", workers)
+        run = run_layerfix(
+            "fix",
+            part,
+            tmp_path / f"{name}{suffix}",
+            "--printer",
+            PRINTER,
+            "--workers",
+            workers,
+            "--surface",
+            "layers",
+        )
         assert (run.code, run.err) == (0, "")
     assert (tmp_path / f"one{suffix}").read_bytes() == (tmp_path / f"two{suffix}").read_bytes()
     lf.write(tmp_path / f"three{suffix}", stack)

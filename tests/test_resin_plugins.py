@@ -76,7 +76,7 @@ def test_chitubox_finds_corrected_images_in_its_folder(chitubox, tmp_path):
     assert before.keys() == after.keys()
     assert {name for name in after if after[name] != before[name]} == {"1.png", "run.gcode"}  # its volume
     fixed = np.array(Pictures.open(folder / "1.png"))
-    assert (fixed[30] == 255).sum() == 6
+    assert (fixed[30] >= 128).sum() == 6
     assert (fixed >= layers()[0]).all()
     assert "changed   1" in (tmp_path / "layerfix.log").read_text(encoding="utf-8")
 

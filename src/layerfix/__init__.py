@@ -28,12 +28,15 @@ _HOME = {
     "TopologyChange": "layers.topology",
     "Contours": "outlines.contours",
     "trace_contours": "outlines.contours",
+    "surface_mesh": "surface.kinds",
     "plan_toolpaths": "fdm.toolpaths",
     "settings_for": "fdm.settings",
     "suggest_widths": "layers.widths",
     "banded": "fdm.bands",
     "Widths": "layers.widths",
     "WidthPlan": "fdm.width_plan",
+    "orient": "orientation.find",
+    "Orientation": "orientation.find",
     "Toolpaths": "fdm.toolpaths",
     "PathSettings": "fdm.settings",
     "read": "formats",
@@ -46,6 +49,7 @@ __all__ = [
     "LayerStack",
     "LayerfixError",
     "Mesh",
+    "Orientation",
     "PathSettings",
     "Printer",
     "Toolpaths",
@@ -59,6 +63,7 @@ __all__ = [
     "load_mesh",
     "load_printer",
     "meso_skeleton",
+    "orient",
     "pack",
     "plan_toolpaths",
     "read",
@@ -66,6 +71,7 @@ __all__ = [
     "slice_like",
     "slice_mesh",
     "suggest_widths",
+    "surface_mesh",
     "trace_contours",
     "unpack",
     "write",
@@ -87,9 +93,11 @@ if TYPE_CHECKING:
     from layerfix.mesh.load import load_mesh
     from layerfix.mesh.slicing import slice_like, slice_mesh
     from layerfix.mesh.triangles import Mesh
+    from layerfix.orientation.find import Orientation, orient
     from layerfix.outlines.contours import Contours, trace_contours
     from layerfix.printers import Printer, load_printer
     from layerfix.stack import Layer, LayerStack
+    from layerfix.surface.kinds import surface_mesh
 
 
 else:  # hidden from type checkers, to which every name would be an attribute

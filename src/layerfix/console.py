@@ -16,7 +16,7 @@ from typing import TextIO
 PLAIN = {
     "×": "x", "²": "2", "³": "3", "µ": "u", "μ": "u", "→": "->", "←": "<-", "∘": "o", "⊕": "+", "⊖": "-", "…": "...",
     "–": "-", "—": "-", "−": "-", "≤": "<=", "≥": ">=", "±": "+-", "°": " deg", "·": ".", "‘": "'", "’": "'",
-    "“": '"', "”": '"', "∪": "|", "⊆": "<=", "█": "#", "•": "*", "\N{NO-BREAK SPACE}": " ",
+    "“": '"', "”": '"', "∪": "|", "⊆": "<=", "█": "#", "θ": "theta", "ψ": "psi", "•": "*", "\N{NO-BREAK SPACE}": " ",
 }  # fmt: skip
 HANDLER = "layerfix.plain"
 LONGEST = 2000  # characters of a message; names in hostile files have up to 65,535

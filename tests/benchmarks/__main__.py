@@ -2,7 +2,7 @@
 
 import argparse
 
-from tests.benchmarks import codecs, fdm, growth, kernel, resin_12k, startup, table1
+from tests.benchmarks import codecs, fdm, growth, kernel, orient, resin_12k, startup, surface, table1
 from tests.benchmarks.measuring import machine
 
 BENCHMARKS = {
@@ -12,7 +12,9 @@ BENCHMARKS = {
     "codecs": codecs.run,
     "growth": growth.run,
     "fdm": fdm.run,
+    "orient": orient.run,
     "startup": startup.run,
+    "surface": surface.run,
 }
 
 parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)

@@ -24,18 +24,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES), metavar="NAME")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write all that was measured to FILE")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep meshes and G-code in DIR")
+    parser.add_argument("--surface", choices=("smooth", "voxels", "layers"), help="of the corrected meshes")
     parser.epilog = f"models: {', '.join(MODELS)}; modes: {', '.join(MODES)}"
     given = parser.parse_args(arguments)
     modes = runnable([MODES[name] for name in given.modes])
     with tempfile.TemporaryDirectory() as scratch:
-        report(given.models, modes, given.keep or Path(scratch), given.json)
+        report(given.models, modes, given.keep or Path(scratch), given.json, given.surface)
 
 
-def report(names: Sequence[str], modes: Sequence[Mode], folder: Path, json_file: Path | None) -> None:
+def report(
+    names: Sequence[str], modes: Sequence[Mode], folder: Path, json_file: Path | None, surface: str | None = None
+) -> None:
     """Run these models in these modes and print what came of it."""
     started = time.perf_counter()
     versions = [version(program) for program in dict.fromkeys(mode.program for mode in modes)]
-    parts = present(names, folder)
+    parts = present(names, folder, surface)
     outcomes = run_all(parts, modes)
     print(f"{', '.join(versions) or 'no slicer'}\n{machine()}\n\n{LEGEND}\n")
     print(f"{results_table(outcomes)}\n\n{parts_table(parts)}\n\n{verdict(outcomes)}")
@@ -51,7 +54,7 @@ def runnable(modes: Sequence[Mode]) -> list[Mode]:
     return [mode for mode in modes if not why_not(mode)]
 
 
-def present(names: Sequence[str], folder: Path) -> list[Part]:
+def present(names: Sequence[str], folder: Path, surface: str | None = None) -> list[Part]:
     """The models whose file is here, corrected; says which are not."""
     parts = []
     for name in names:
@@ -59,7 +62,7 @@ def present(names: Sequence[str], folder: Path) -> list[Part]:
         if mesh is None:
             print(f"skipped: {name}, {MODELS[name].about}: the file is not here", file=sys.stderr)
         else:
-            parts.append(prepare(name, mesh, folder / name))
+            parts.append(prepare(name, mesh, folder / name, surface))
     return parts
 
 

@@ -59,7 +59,7 @@ class Outcome:
     refused: str = ""
 
 
-def prepare(name: str, mesh: Mesh, folder: Path) -> Part:
+def prepare(name: str, mesh: Mesh, folder: Path, surface: str | None = None) -> Part:
     """Place a mesh, write it, take its sections and correct it."""
     folder.mkdir(parents=True, exist_ok=True)
     original = folder / "original.stl"
@@ -68,17 +68,18 @@ def prepare(name: str, mesh: Mesh, folder: Path) -> Part:
     written = load_mesh(original, unit="mm")
     sections = [components(written, z) for z in layer_planes(written, LAYER_MM)]
     large = [parts[shapely.area(parts) >= SPECK_MM2] for parts in sections]
-    return fixed(Part(name, original, large, specks=sum(map(len, sections)) - sum(map(len, large))))
+    return fixed(Part(name, original, large, specks=sum(map(len, sections)) - sum(map(len, large))), surface)
 
 
-def fixed(part: Part) -> Part:
-    """Correct the part's file, as 3MF and as STL."""
+def fixed(part: Part, surface: str | None = None) -> Part:
+    """Correct the part's file, as 3MF and as STL, in the surface that `fix` takes or in another."""
+    options = (*FIX_OPTIONS, "--surface", surface) if surface else FIX_OPTIONS
     made: dict[str, Path | None] = {}
     seconds, trouble = [], []
     for suffix in ("3mf", "stl"):
         target = part.original.with_name(f"fixed.{suffix}")
         started = time.perf_counter()
-        run = run_layerfix("fix", part.original, target, *FIX_OPTIONS, "--force")
+        run = run_layerfix("fix", part.original, target, *options, "--force")
         seconds.append(time.perf_counter() - started)
         made[suffix] = target if run.code == 0 and target.is_file() else None
         if made[suffix] is None:

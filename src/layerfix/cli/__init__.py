@@ -8,7 +8,9 @@ from layerfix import __version__
 from layerfix.cli.check import check
 from layerfix.cli.fix import fix
 from layerfix.cli.lists import completion, formats, printers
+from layerfix.cli.orient import orient
 from layerfix.cli.pictures import demo, draw
+from layerfix.cli.report import report, show
 from layerfix.cli.watch import watch
 from layerfix.cli.widths import widths
 
@@ -27,5 +29,5 @@ def layerfix() -> None:
     """
 
 
-for command in (fix, check, watch, widths, draw, demo, printers, formats, completion):
+for command in (fix, check, report, orient, show, watch, widths, draw, demo, printers, formats, completion):
     layerfix.add_command(command)

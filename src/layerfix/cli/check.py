@@ -10,7 +10,18 @@ from typing import Any
 import click
 import cloup
 
-from layerfix.cli.shared import FRAME, JSON, MESH, PRINTER, WORKERS, kernels_ready, options_from, progress, rows_text
+from layerfix.cli.shared import (
+    FORCE,
+    FRAME,
+    JSON,
+    MESH,
+    PRINTER,
+    WORKERS,
+    kernels_ready,
+    options_from,
+    progress,
+    rows_text,
+)
 from layerfix.cli.types import Length
 from layerfix.errors import InputError
 
@@ -28,6 +39,8 @@ from layerfix.errors import InputError
 @cloup.option_group(
     "Running",
     cloup.option("--markdown", is_flag=True, help="Print a table for a pull request."),
+    cloup.option("--report", type=cloup.Path(path_type=Path), help="Also write a page to look at (.html)."),
+    FORCE,
     WORKERS,
     JSON,
 )

@@ -16,6 +16,7 @@ from layerfix.cli.shared import (
     JSON,
     MESH,
     PRINTER,
+    SCHEDULER,
     WORKERS,
     kernels_ready,
     options_from,
@@ -24,11 +25,12 @@ from layerfix.cli.shared import (
     with_codes,
 )
 from layerfix.cli.types import Area, Length, Percent, Range
+from layerfix.console import one_line
 
 
 @cloup.command()
 @cloup.argument("source", metavar="IN", type=cloup.Path(path_type=Path))
-@cloup.argument("target", metavar="OUT", type=cloup.Path(path_type=Path))
+@cloup.argument("more", metavar="OUT", nargs=-1, type=cloup.Path(path_type=Path))
 @cloup.option_group(
     "Printer and correction",
     PRINTER,
@@ -77,6 +79,13 @@ from layerfix.cli.types import Area, Length, Percent, Range
     "A mesh as IN",
     *MESH,
     cloup.option(
+        "--orient",
+        is_flag=False,
+        flag_value="race",
+        type=cloup.Choice(["race", "quick", "anneal", "direct"]),
+        help="Turn it first, to where it needs the least correction and fits: see `layerfix orient`.",
+    ),
+    cloup.option(
         "--fill",
         type=cloup.Choice(["nonzero", "even_odd", "positive"]),
         help="Which parts of overlapping shells are solid. [default: nonzero]",
@@ -105,12 +114,28 @@ from layerfix.cli.types import Area, Length, Percent, Range
 )
 @cloup.option_group("PNG images as OUT", cloup.option("--bits", type=cloup.Choice(["1", "8"]), help="[default: 8]"))
 @cloup.option_group(
-    "Outlines or a mesh as OUT (.svg .geojson .cli .stl .3mf)",
+    "A mesh as OUT (.stl .3mf .obj .ply .glb)",
+    cloup.option(
+        "--surface",
+        type=cloup.Choice(["smooth", "voxels", "layers"]),
+        help="smooth: IN with what was thin thicker, its own facets elsewhere; voxels: the boundary of the pixels;"
+        " layers: outlines, one on the other. [default: smooth of a mesh, else layers]",
+    ),
+    cloup.option("--smooth", is_flag=True, default=None, help="Voxels without stairs; no pixel changes."),
+    cloup.option(
+        "--only-changes",
+        is_flag=True,
+        default=None,
+        help="Only what was added (red) and removed (blue), for .3mf, .ply and .glb.",
+    ),
+)
+@cloup.option_group(
+    "Outlines or a mesh as OUT (.svg .geojson .cli, and meshes)",
     cloup.option(
         "--tolerance",
         "tolerance_mm",
         type=Length(),
-        help="How far simplification may move outlines. [default: half a pixel]",
+        help="How far simplification may move outlines and surfaces. [default: half a pixel; of voxels nothing]",
     ),
     cloup.option("--ascii", is_flag=True, default=None, help="Text instead of binary, for .cli."),
 )
@@ -130,17 +155,35 @@ from layerfix.cli.types import Area, Length, Percent, Range
     "Running",
     cloup.option("--layers", type=Range(), help="Only these layers, counted from 0: 12, or 10:20."),
     cloup.option("--picture", type=cloup.Path(path_type=Path), help="Also draw the most changed layer (.png)."),
+    cloup.option("--report", type=cloup.Path(path_type=Path), help="Also write a page to look at (.html)."),
     WORKERS,
     FORCE,
     JSON,
 )
-def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given: Any) -> None:
+@cloup.option_group(
+    "Many files: layerfix fix IN IN … --out-dir DIR",
+    cloup.option("--out-dir", metavar="DIR", type=cloup.Path(path_type=Path), help="Each result under its own name."),
+    cloup.option(
+        "--out-type", metavar="SUFFIX", help="What is written: 3mf, gcode, zip … [default: as IN or the printer]"
+    ),
+    SCHEDULER,
+)
+def fix(
+    source: Path,
+    more: tuple[Path, ...],
+    printer: str | None,
+    as_json: bool,
+    out_dir: Path | None,
+    out_type: str | None,
+    scheduler: str | None,
+    **given: Any,
+) -> None:
     """Correct IN and write the layers to OUT.
 
     IN is a mesh (.stl .obj .ply .off .3mf .glb .gltf), a resin job (.sl1 .sl1s .m1 .goo .ctb .photon .cbddlp
     .nanodlp .cws, Chitubox .zip), or PNG images (a folder, .zip or .png). OUT is a job of the same kind as IN; a
-    new .sl1, .sl1s or .goo; a folder (no suffix) or .zip of PNG images; .gcode; a .3mf or .stl mesh of the
-    corrected layers for any slicer; or their outlines as .svg, .geojson or .cli. `layerfix formats` lists them all.
+    new .sl1, .sl1s or .goo; a folder (no suffix) or .zip of PNG images; .gcode; a mesh for any slicer or service
+    (.stl .3mf .obj .ply .glb); or their outlines as .svg, .geojson or .cli. `layerfix formats` lists them all.
 
     \b
     Examples:
@@ -150,7 +193,20 @@ def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given:
       layerfix fix part.3mf layers.zip --pixel 50um --layer 0.05mm --min-feature 0.4mm
       layerfix fix job.sl1 fixed.sl1 --min-feature 0.15mm
       layerfix fix layers.zip fixed.zip --min-feature 0.15mm --mode add_only
+      layerfix fix a.stl b.stl c.stl --out-dir fixed -p prusa-sl1s
     """
+    if out_dir is not None:
+        _fix_many([source, *more], out_dir, out_type, scheduler, printer, as_json, given)
+        return
+    for name, value in (("--out-type", out_type), ("--scheduler", scheduler)):
+        if value is not None:
+            raise click.UsageError(f"{name} goes with --out-dir")
+    if not more:
+        raise click.UsageError("Missing argument 'OUT'.")
+    if len(more) > 1:
+        extra = " ".join(str(path) for path in more[1:])
+        raise click.UsageError(f"Got unexpected extra arguments ({extra}). Several inputs go with --out-dir DIR.")
+    target = more[0]
     with kernels_ready():
         from layerfix.commands.fix import fix as run
         from layerfix.formats import load_kernels
@@ -159,3 +215,29 @@ def fix(source: Path, target: Path, printer: str | None, as_json: bool, **given:
     with progress(f"correcting {source.name}") as shown:
         summary = run(source, target, options_from(printer, with_codes(given)), shown)
     click.echo(json.dumps(asdict(summary)) if as_json else summary_table(summary))
+
+
+def _fix_many(
+    sources: list[Path],
+    folder: Path,
+    out_type: str | None,
+    scheduler: str | None,
+    printer: str | None,
+    as_json: bool,
+    given: dict[str, Any],
+) -> None:
+    """Each into the folder; ends with 2 if one could not be corrected."""
+    with kernels_ready():
+        from layerfix.commands.batch import fix_all
+    suffix = None if out_type is None else "" if out_type == "folder" else out_type
+    with progress(f"correcting {len(sources)} files") as shown:
+        batch = fix_all(sources, folder, options_from(printer, given), suffix, scheduler, shown)
+    if as_json:
+        failed = [{"source": source, "error": reason} for source, reason in batch.failed]
+        click.echo(json.dumps({"done": [asdict(summary) for summary in batch.done], "failed": failed}))
+    elif batch.done:
+        click.echo("\n\n".join(map(summary_table, batch.done)))
+    for _, reason in batch.failed:
+        click.echo(f"layerfix: {one_line(reason)}", err=True)
+    if batch.failed:
+        raise click.exceptions.Exit(2)

@@ -27,6 +27,9 @@ MESH = (
     cloup.option("--scale", type=Scale(), help="Make the part so many times as large: 1:87, 50%, 2."),
 )
 WORKERS = cloup.option("--workers", type=cloup.IntRange(1), help="Threads. [default: one per core]")
+SCHEDULER = cloup.option(
+    "--scheduler", metavar="ADDRESS", help="Compute on the workers of a Dask scheduler: tcp://host:8786."
+)
 FORCE = cloup.option("--force", is_flag=True, help="Replace outputs that exist.")
 JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 
@@ -148,6 +151,6 @@ def _thinnest(s: Summary) -> str:
 
 
 def rows_text(rows: Sequence[tuple[str, str]]) -> str:
-    """Names and values, a line each, the values below each other."""
+    """Names and values in two columns."""
     width = max(10, *(len(name) + 1 for name, _ in rows))
     return "\n".join(f"{name:{width}}{value}" for name, value in rows)

@@ -97,3 +97,19 @@ class Scale(click.ParamType[float]):
             return parse_scale(str(value))
         except InputError as problem:
             self.fail(str(problem), param, ctx)
+
+
+class Weights(click.ParamType[dict[str, float]]):
+    """``added=1,support=0.2`` as numbers by name; which names there are is known where they are used."""
+
+    name = "weights"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for part in str(value).split(","):
+            name, _, number = part.partition("=")
+            try:
+                found[name.strip()] = float(number)
+            except ValueError:
+                self.fail(f"'{part}' is not a weight: write added=1,support=0.2", param, ctx)
+        return found

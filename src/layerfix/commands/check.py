@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from layerfix.commands.fix import min_feature_of, open_stack, usual_mode
+from layerfix.commands.fix import as_asked, opened, usual_mode
+from layerfix.commands.machines import hint_of, job_printers
+from layerfix.commands.options import min_feature_of
+from layerfix.commands.pages import check_page, report_on
 from layerfix.files import check_input
 from layerfix.layers.verdict import judge, narrowest_place
 from layerfix.units import counted, format_mm
@@ -60,16 +63,23 @@ def check(
     options: Options,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
-    """Judge `source` at the minimum feature. Raises InputError as `fix` does; nothing is written."""
+    """Judge `source` at the minimum feature. Raises InputError as `fix` does; nothing is written but a report."""
     check_input(source)
-    stack = open_stack(source, options).with_workers(options.run.workers)
-    min_feature_mm = min_feature_of(options, source, stack)
+    page = options.run.report
+    if page is not None:
+        check_page(page, source, None, force=options.run.force)
+    stack, turned = opened(source, options)
+    stack = stack.with_workers(options.run.workers)
+    min_feature_mm = min_feature_of(options, lambda: hint_of(source, job_printers(stack)))
     mode = options.correction.mode or usual_mode(options.printer, stack)
     spurs = options.correction.spurs or "metric"
     layers = []
     for verdict in judge(stack, min_feature_mm=min_feature_mm, add_only=mode == "add_only", spurs=spurs):
         layers.append(verdict)
         progress(len(layers), len(stack))
+    if page is not None:
+        after = as_asked(stack, turned, mode, options)
+        report_on(source, stack, after, page, options, mode, verdicts=layers, progress=progress)
     thin = [one for one in layers if one.thinnest_mm is not None]
     narrow = min(thin, key=lambda one: one.thinnest_mm or 0.0, default=None)
     gaps = [one for one in layers if one.thinnest_gap_mm is not None]

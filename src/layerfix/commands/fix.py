@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from layerfix.commands.machines import hint_of, job_printers, told_of_machine, told_of_service
+from layerfix.commands.machines import told_of_machine, told_of_service
 from layerfix.commands.notes import (
     doubts,
     told_of_conflicts,
@@ -20,7 +20,8 @@ from layerfix.commands.notes import (
     told_of_specks,
     told_of_topology,
 )
-from layerfix.commands.options import Options, flag, refuse_given
+from layerfix.commands.options import Options, flag, min_feature_of, refuse_given
+from layerfix.commands.pages import check_page
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
 from layerfix.formats import (
@@ -37,7 +38,7 @@ from layerfix.formats import (
 from layerfix.layers.correction import correct
 from layerfix.layers.feature import check_feature_mm
 from layerfix.mesh.empty import empty_ends, told_of_ends
-from layerfix.mesh.slicing import slice_like, slice_mesh
+from layerfix.mesh.slicing import slice_like, slice_mesh, sliced_mesh
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
+    from layerfix.surface.kinds import Kind
 
 
 QUARTER_TURN = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
@@ -97,10 +99,11 @@ def fix(
     check_before(target, options.printer, options.output)
     check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
-    stack, turned = _opened(source, _antialiased(source, target, options))
+    stack, turned = opened(source, _antialiased(source, target, options), progress)
     check_options(target, options.output, find_writer(target, stack).takes, flag)
-    min_feature_mm = min_feature_of(options, source, stack)
-    mode = options.correction.mode or usual_mode(options.printer, stack)
+    min_feature_mm = min_feature_of(options, lambda: hint_of(source, job_printers(stack)))
+    surface = _surface(target, stack, options)
+    mode = _mode(target, stack, surface, options)
     if options.run.layers is not None:
         stack = _chosen(source, stack, options.run.layers)
     tolerance_mm = options.output.get("tolerance_mm")
@@ -109,22 +112,8 @@ def fix(
             f"tolerance {format_mm(tolerance_mm)} is larger than the minimum feature of"
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
-    keep_out = _keep_out(stack, turned, options)
     told = doubts(tolerance_mm, paths, min_feature_mm)
-    spurs = options.correction.spurs or "metric"
-    first_mm = options.correction.first_layer_min_feature_mm if not (options.run.layers or (0,))[0] else None
-    fixed = correct(
-        stack,
-        min_feature_mm=min_feature_mm if first_mm is None else [first_mm, *[min_feature_mm] * (len(stack) - 1)],
-        mode=mode,
-        spurs=spurs,
-        ignore_below_mm2=options.correction.ignore_below_mm2 or 0.0,
-        ignore_specks=bool(options.correction.ignore_specks),
-        keep_gaps_mm=options.correction.keep_gaps_mm,
-        keep_out=keep_out,
-        grow=options.correction.grow or "both",
-        min_layers=options.correction.min_layers or 1,
-    ).with_workers(options.run.workers)
+    fixed = as_asked(stack, turned, mode, options)
     done: list[Layer] = []
 
     def watch(index: int, layer: Layer) -> None:
@@ -132,12 +121,67 @@ def fix(
         progress(index + 1, len(fixed))
 
     run = options.run
-    write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, **options.output)
+    output = dict(options.output) if surface is None else {**options.output, "surface": surface}
+    write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, advance=progress, **output)
     summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
+    if run.report:
+        from layerfix.commands.pages import report_on
+
+        with already_written(target):
+            report_on(source, stack, fixed, run.report, options, mode, progress=progress)
     if run.picture:
         with already_written(target):
             draw_layer(stack, fixed, summary.most_changed_layer, run.picture, force=run.force)
     return summary
+
+
+def as_asked(stack: LayerStack, turned: bool, mode: Mode, options: Options) -> LayerStack:
+    """The layers corrected as the options say. Raises InputError as `correct` does."""
+    how, min_feature_mm = options.correction, min_feature_of(options)
+    first_mm = how.first_layer_min_feature_mm if not (options.run.layers or (0,))[0] else None
+    return correct(
+        stack,
+        min_feature_mm=min_feature_mm if first_mm is None else [first_mm, *[min_feature_mm] * (len(stack) - 1)],
+        mode=mode,
+        spurs=how.spurs or "metric",
+        ignore_below_mm2=how.ignore_below_mm2 or 0.0,
+        ignore_specks=bool(how.ignore_specks),
+        keep_gaps_mm=how.keep_gaps_mm,
+        keep_out=_keep_out(stack, turned, options),
+        grow=how.grow or "both",
+        min_layers=how.min_layers or 1,
+    ).with_workers(options.run.workers)
+
+
+def _surface(target: Path, stack: LayerStack, options: Options) -> Kind | None:
+    """Which surface a target is written as; None if it is none. Raises InputError for one that cannot be."""
+    if "surface" not in options_for_layers(target):
+        return None
+    given, output, how = options.output.get("surface"), options.output, options.correction
+    if given is None and (output.get("smooth") or output.get("only_changes")):
+        return "voxels"
+    to_the_pixel = how.keep_gaps_mm is not None or how.keep_out is not None or (how.min_layers or 1) > 1
+    if given is None:
+        from layerfix.surface.kinds import is_closed
+
+        mesh = sliced_mesh(stack)
+        taken = how.mode == "as_printed" or to_the_pixel or options.run.layers is not None
+        return "layers" if mesh is None or taken or not is_closed(mesh) else "smooth"
+    if given == "smooth" and to_the_pixel:
+        raise InputError("--surface smooth: what is kept free or raised is so to the pixel; take --surface voxels")
+    if given == "smooth" and options.run.layers is not None:
+        raise InputError("--surface smooth is of all layers; take --surface voxels for some")
+    kind: Kind = given
+    return kind
+
+
+def _mode(target: Path, stack: LayerStack, surface: Kind | None, options: Options) -> Mode:
+    """The user's, else add_only for what keeps the input's facets, else the printer's."""
+    if surface != "smooth":
+        return options.correction.mode or usual_mode(options.printer, stack)
+    if options.correction.mode == "as_printed":
+        raise InputError(f"{target}: a smooth surface only adds to the mesh; --surface voxels rounds corners, too")
+    return "add_only"
 
 
 def _antialiased(source: Path, target: Path, options: Options) -> Options:
@@ -158,14 +202,16 @@ def open_stack(source: Path, options: Options) -> LayerStack:
 
     Raises InputError for options that go with the other.
     """
-    return _opened(source, options)[0]
+    return opened(source, options)[0]
 
 
-def _opened(source: Path, options: Options) -> tuple[LayerStack, bool]:
+def opened(
+    source: Path, options: Options, progress: Callable[[int, int], None] = lambda done, total: None
+) -> tuple[LayerStack, bool]:
     """(layers; whether they are of a mesh that was turned)."""
     found, _ = find_format(source)
     if found.mesh is not None:
-        part = open_part(source, options)
+        part = open_part(source, options, progress)
         return part.stack, part.turned
     refuse_given(options.slicing, f"goes with meshes; {source} holds layers already")
     frame, greys = options.frame, {f: v for f, v in asdict(options.greys).items() if v is not None}
@@ -185,8 +231,10 @@ class Part(NamedTuple):
     turned: bool
 
 
-def open_part(source: Path, options: Options) -> Part:
-    """A mesh and its layers."""
+def open_part(
+    source: Path, options: Options, progress: Callable[[int, int], None] = lambda done, total: None
+) -> Part:
+    """A mesh and its layers, in its best build direction if that is asked for (told of in full poses)."""
     refuse_given(options.greys, f"goes with images and jobs; {source} is a mesh")
     printer, frame = options.printer, options.frame
     pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
@@ -204,6 +252,10 @@ def open_part(source: Path, options: Options) -> Part:
             paths.check_layer(height)
     slicing = options.slicing
     mesh = read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0)
+    if slicing.orient is not None:
+        from layerfix.commands.standing import standing
+
+        mesh = standing(mesh, options, progress)
     turned = _fits_only_turned(mesh, printer)
     mesh = mesh.transformed(QUARTER_TURN) if turned else mesh
     _check_size(mesh, printer, min_feature_mm)
@@ -246,6 +298,8 @@ def _check_paths(source: Path, target: Path, options: Options) -> None:
     check_apart(target, source)
     check_target(target, force=options.run.force)
     picture = options.run.picture
+    if options.run.report:
+        check_page(options.run.report, source, target, force=options.run.force)
     if picture:
         if picture.suffix.lower() != ".png":
             raise OutputError(f"{picture}: the picture is written as PNG; call it .png")
@@ -269,16 +323,6 @@ def usual_mode(printer: Printer | None, stack: LayerStack) -> Mode:
     if printer:
         return printer.mode
     return "add_only" if stack.container is not None else "as_printed"
-
-
-def min_feature_of(options: Options, source: Path | None = None, stack: LayerStack | None = None) -> float:
-    """What was given, or the printer's. Raises InputError if there is neither; a job may say which it is for."""
-    if options.correction.min_feature_mm is not None:
-        return options.correction.min_feature_mm
-    if options.printer is None:
-        hint = hint_of(source, job_printers(stack)) if source is not None and stack is not None else ""
-        raise InputError(f"no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer{hint}")
-    return options.printer.min_feature_mm
 
 
 def _fits_only_turned(mesh: Mesh, printer: Printer | None) -> bool:

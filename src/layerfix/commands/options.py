@@ -3,7 +3,7 @@ file says"; what is given and nothing takes is refused, by the name that the com
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from layerfix.layers.gaps import Grow
     from layerfix.layers.skeleton import Spurs
     from layerfix.mesh.slicing import Fill, ZSampling
+    from layerfix.orientation.find import Method
     from layerfix.printers import Printer
 
 
@@ -38,6 +39,7 @@ class Slicing:
     antialias: bool | None = None
     unit: str | None = None
     scale: float | None = None
+    orient: Method | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class Run:
     force: bool = False
     layers: tuple[int, int] | None = None
     picture: Path | None = None
+    report: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -124,3 +127,12 @@ def refuse_given(part: Slicing | Greys, why: str) -> None:
     names = [f.name for f in fields(part) if getattr(part, f.name) is not None]
     if names:
         raise InputError(f"{', '.join(map(flag, names))}: {why}")
+
+
+def min_feature_of(options: Options, hint: Callable[[], str] = lambda: "") -> float:
+    """What was given, or the printer's. Raises InputError if there is neither; hint: what the file says of it."""
+    if options.correction.min_feature_mm is not None:
+        return options.correction.min_feature_mm
+    if options.printer is None:
+        raise InputError(f"no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer{hint()}")
+    return options.printer.min_feature_mm

@@ -36,8 +36,8 @@ def before_after(before: Layer, after: Layer, pixel_mm: tuple[float, float], *, 
     if (before.width, before.height) != (after.width, after.height):
         raise InputError(f"layers of {before.width} × {before.height} and {after.width} × {after.height} px")
     was, now = _crop(before.image(), after.image())
-    left = _paint(was, was)
-    right = _paint(was, now)
+    left = painted(was, was)
+    right = painted(was, now)
     size = _panel_size(was.shape, pixel_mm)
     gap = 24
     step = max(size[0], CAPTION_WIDTH_PX) + gap
@@ -45,7 +45,7 @@ def before_after(before: Layer, after: Layer, pixel_mm: tuple[float, float], *, 
     pen = ImageDraw.Draw(canvas)
     for k, (panel, caption) in enumerate(((left, f"as sliced{title}"), (right, "corrected:  "))):
         x = gap + k * step
-        canvas.paste(_scaled(panel, size), (x, CAPTION_PX + gap))
+        canvas.paste(scaled(panel, size), (x, CAPTION_PX + gap))
         pen.rectangle((x - 1, CAPTION_PX + gap - 1, x + size[0], CAPTION_PX + gap + size[1]), outline=SOLID)
         pen.text((x, gap), caption, fill=INK, font_size=28)
         if k:
@@ -60,7 +60,7 @@ def before_after(before: Layer, after: Layer, pixel_mm: tuple[float, float], *, 
     return canvas
 
 
-def _paint(was: Image, now: Image) -> NDArray[np.uint8]:
+def painted(was: Image, now: Image) -> NDArray[np.uint8]:
     """(H, W, 3) uint8: kept grey, added red, removed blue."""
     picture = np.full((*was.shape, 3), 255, np.uint8)
     picture[was & now] = SOLID
@@ -86,7 +86,7 @@ def _panel_size(shape: tuple[int, ...], pixel_mm: tuple[float, float]) -> tuple[
     return max(round(width_mm * scale), 1), max(round(height_mm * scale), 1)
 
 
-def _scaled(panel: NDArray[np.uint8], size: tuple[int, int]) -> Picture:
+def scaled(panel: NDArray[np.uint8], size: tuple[int, int]) -> Picture:
     """Enlarged pixels stay square; a reduced picture averages, so that thin things fade but do not vanish."""
     from PIL import Image
 

@@ -110,6 +110,7 @@ def write(
     force: bool = False,
     watch: Watch | None = None,
     tell: Callable[[str], None] | None = None,
+    advance: Callable[[int, int], None] | None = None,
     **own: Unpack[Own],
 ) -> None:
     """Write a LayerStack (or Contours, Toolpaths, a WidthPlan, a Mesh) in the format that the suffix names.
@@ -121,9 +122,10 @@ def write(
     force    replace what is there
     watch    told of each layer in order: its index, and the layer without its pixels
     tell     told in a sentence what a user should know of what was written
+    advance  told of what is to be done after the last layer: (done, in all)
     own      what this format's writer takes (`layerfix.formats.options`): bits for PNG images; tolerance_mm for
-             outlines and meshes; ascii for .cli; paths, width_mm, perimeters, density, seam, skirt_loops for .gcode;
-             slicer for a .3mf of a WidthPlan
+             outlines and meshes; surface, smooth, only_changes for meshes; ascii for .cli; paths, width_mm,
+             perimeters, density, seam, skirt_loops for .gcode; slicer for a .3mf of a WidthPlan
     Raises OutputError for an unknown suffix, a value that the format does not hold, an option that its writer does
     not take, an existing target without `force`, and whatever the system refuses; then nothing is left behind.
     """
@@ -135,7 +137,7 @@ def write(
         from layerfix.printers import load_printer
 
         printer = load_printer(printer)
-    options = found.options(printer, force, watch, tell, **found.known, **given)
+    options = found.options(printer, force, watch, tell, advance, **found.known, **given)
     found.write(path, found.value, options)
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from layerfix.fdm.settings import Seam
     from layerfix.printers import Printer
     from layerfix.stack import Layer
+    from layerfix.surface.kinds import Kind
 
     # Told of each layer in order as it is written: its index, and the layer without its pixels.
     Watch = Callable[[int, Layer], None]
@@ -46,12 +47,14 @@ class WriteOptions:
 
     watch  told of each layer in order: its index, and the layer without its pixels
     tell   told in a sentence what a user should know of what was written
+    advance  told of what is to be done after the last layer: (done, in all)
     """
 
     printer: Printer | None = None
     force: bool = False
     watch: Watch | None = None
     tell: Callable[[str], None] | None = None
+    advance: Callable[[int, int], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,20 @@ class OutlineOptions(WriteOptions):
     """tolerance_mm: how far simplification may move an outline (`trace_contours`); None is half a pixel."""
 
     tolerance_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class SurfaceOptions(OutlineOptions):
+    """How layers become a mesh (`layerfix.surface`).
+
+    surface       "layers", "voxels" or "smooth"; None: smooth where a mesh was sliced and corrected, else layers
+    smooth        of voxels: without stairs
+    only_changes  what was added and removed, in two colours, instead of all
+    """
+
+    surface: Kind | None = None
+    smooth: bool | None = None
+    only_changes: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -143,6 +160,9 @@ class Own(TypedDict, total=False):
     start_gcode: str | None
     end_gcode: str | None
     slicer: str
+    surface: Kind | None
+    smooth: bool | None
+    only_changes: bool | None
 
 
 COMMON = frozenset(field.name for field in fields(WriteOptions))

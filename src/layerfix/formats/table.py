@@ -21,6 +21,7 @@ from layerfix.formats.options import (
     GcodeOptions,
     OutlineOptions,
     PngOptions,
+    SurfaceOptions,
     WidthModelOptions,
     WriteOptions,
 )
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 GROUP = "layerfix.formats"
 _CONTOURS = ("layerfix.outlines.contours",)
+_SURFACE = ("layerfix.outlines.contours", "layerfix.surface.cubes")
 _PATHS = ("layerfix.fdm.toolpaths",)
 UVTOOLS = (
     "which layerfix does not read; UVtools does the rest: `UVtoolsCmd extract {path} layers -c Layers`, then correct"
@@ -172,7 +174,7 @@ FORMATS = (
            rewritten=True),
     Format("CWS jobs", (".cws",), _is_cws, f"{_JOBS}.cws:read", rewritten=True, by_name=True),
     Format("3MF", (".3mf",), _is_3mf, mesh=_MESH,
-           writers={"layers": Writer(f"{_MODEL}:write_model_3mf", OutlineOptions, _CONTOURS),
+           writers={"layers": Writer(f"{_MODEL}:write_model_3mf", SurfaceOptions, _SURFACE),
                     "mesh": Writer(f"{_MODEL}:write_mesh_3mf"),
                     "widths": Writer(f"{_WIDTHS}:write_width_3mf", WidthModelOptions)}, by_name=True),
     Format("zips of PNG images", (".zip",), _is_images, f"{_IMAGES}:read_zip",
@@ -184,12 +186,19 @@ FORMATS = (
            refusal="G-code is not corrected, only drawn: `layerfix draw {path} layer.png`",
            writers={"layers": _GCODE}),
     Format("STL", (".stl",), _is_mesh("STL"), mesh=_MESH, by_name=True,
-           writers={"layers": Writer(f"{_MODEL}:write_stl", OutlineOptions, _CONTOURS),
+           writers={"layers": Writer(f"{_MODEL}:write_stl", SurfaceOptions, _SURFACE),
                     "mesh": Writer(f"{_MODEL}:write_mesh_stl")}),
-    Format("OBJ", (".obj",), _is_mesh("OBJ"), mesh=_MESH, by_name=True),
-    Format("PLY", (".ply",), _is_mesh("PLY"), mesh=_MESH, by_name=True),
+    Format("OBJ", (".obj",), _is_mesh("OBJ"), mesh=_MESH, by_name=True,
+           writers={"layers": Writer(f"{_MODEL}:write_obj", SurfaceOptions, _SURFACE),
+                    "mesh": Writer(f"{_MODEL}:write_mesh_obj")}),
+    Format("PLY", (".ply",), _is_mesh("PLY"), mesh=_MESH, by_name=True,
+           writers={"layers": Writer(f"{_MODEL}:write_ply", SurfaceOptions, _SURFACE),
+                    "mesh": Writer(f"{_MODEL}:write_mesh_ply")}),
     Format("OFF", (".off",), _is_mesh("OFF"), mesh=_MESH, by_name=True),
-    Format("glTF", (".glb", ".gltf"), _is_mesh("glTF"), mesh=_MESH, by_name=True),
+    Format("glTF", (".glb",), _is_mesh("glTF"), mesh=_MESH, by_name=True,
+           writers={"layers": Writer(f"{_MODEL}:write_glb", SurfaceOptions, _SURFACE),
+                    "mesh": Writer(f"{_MODEL}:write_mesh_glb")}),
+    Format("glTF with files beside it", (".gltf",), _is_mesh("glTF"), mesh=_MESH, by_name=True),
     Format("SVG outlines", (".svg",),
            writers={"layers": Writer(f"{_VECTOR}.svg:write", OutlineOptions, _CONTOURS),
                     "widths": Writer(f"{_WIDTHS}:draw_width_plan")}),

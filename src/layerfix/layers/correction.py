@@ -8,7 +8,7 @@ nothing that was there is taken away.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numba import types
@@ -26,9 +26,9 @@ from layerfix.layers.drawing import (
     missing_places,
     open_columns,
 )
-from layerfix.layers.feature import Feature, Radius, feature_of_mm
+from layerfix.layers.feature import Feature, Radius, feature_of_mm, feature_of_size
 from layerfix.layers.gaps import GROWS, Conflict, Grow, centres_apart, grow_apart, one_by_one, void_parts
-from layerfix.layers.heights import with_min_layers
+from layerfix.layers.heights import Raised, with_min_layers
 from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule, scratch_images, skeleton_columns
 from layerfix.layers.specks import with_specks
 from layerfix.layers.thickness import narrowest
@@ -263,6 +263,7 @@ class _Correction:
     keep_gaps_mm: float | None
     keep_out: LayerStack | None
     grow: Grow
+    keep_paths: bool = False  # each layer's change tells where F was drawn, greys or not
     room: Room = field(default_factory=Room)
 
     def __call__(self, layer: Layer) -> Layer:
@@ -301,10 +302,10 @@ class _Correction:
             rows |= specks
         solid, added, removed = _count_changes(layer.rows, rows)
         paths = None
-        if layer.source is not None:
+        if layer.source is not None or self.keep_paths:
             paths = np.zeros_like(rows)
             to_rows(found.centres, outer, layer.width, paths)
-            if layer.raised_px:
+            if layer.raised_px and layer.source is not None:
                 paths |= layer.rows & ~layer.source.seen  # drawn in full
         topology: tuple[TopologyChange, ...] = ()
         corner_px = 64 * outer[2], outer[0]
@@ -336,6 +337,90 @@ class _Correction:
         if len(self.features) == 1:
             return self.features[0]
         return self.features[int(np.abs(self.bottoms_mm - layer.z_mm[0]).argmin())]
+
+
+def corrected_like(stack: LayerStack, fixed: LayerStack) -> LayerStack:
+    """Another slicing of the same part, corrected as `fixed` was: every layer by the feature at its height.
+
+    stack   at other pixels and layers, on the same plate
+    fixed   what `correct` made
+    returns a stack whose changes tell where F was drawn (`Change.paths`), in mode add_only
+    raises  InputError if `correct` did not make `fixed`, or kept gaps or places free, or raised layers: that depends
+            on the pixels
+    """
+    why_not = why_not_elsewhere(fixed)
+    if why_not:
+        raise InputError(why_not)
+    done: _Correction = _correction_of(fixed).change
+    middles = stack.z_mm.mean(axis=1)
+    at = np.clip(np.searchsorted(fixed.z_mm[:, 0], middles, side="right") - 1, 0, len(fixed) - 1)
+    scaled = [
+        feature_of_size((
+            2 * f.radius_px[0] * done.pixel_mm[0] / stack.pixel_mm[0],
+            2 * f.radius_px[1] * done.pixel_mm[1] / stack.pixel_mm[1],
+        ))
+        for f in done.features
+    ]  # fmt: skip
+    features = (
+        tuple(scaled)
+        if len(scaled) == 1
+        else tuple(scaled[int(np.abs(done.bottoms_mm - fixed.z_mm[k, 0]).argmin())] for k in at)
+    )
+    area = done.pixel_mm[0] * done.pixel_mm[1] / (stack.pixel_mm[0] * stack.pixel_mm[1])
+    change = replace(
+        done, features=features, bottoms_mm=stack.z_mm[:, 0], add_only=True, pixel_mm=stack.pixel_mm,
+        origin_mm=stack.origin_mm, ignore_px=done.ignore_px * area, keep_paths=True, room=Room(),
+    )  # fmt: skip
+    return stack.map(change)
+
+
+def why_not_elsewhere(fixed: LayerStack) -> str:
+    """Why the correction of these layers cannot be made on other pixels, with nothing taken away; "" if it can."""
+    make = _correction_of(fixed)
+    if make is None:
+        return "these layers were not made by correct(), which says how thin is too thin"
+    done: _Correction = make.change
+    if not done.add_only:
+        return "these layers were corrected as_printed, which takes corners away, too; add_only keeps all there was"
+    if done.keep_gaps_mm is not None or done.keep_out is not None or isinstance(make.make, Raised):
+        return "gaps and places that are kept free, and layers that are raised, are so to the pixel"
+    return ""
+
+
+def telling_paths(fixed: LayerStack) -> LayerStack:
+    """The same layers, whose changes also tell where F was drawn; others than those of `correct` as they are."""
+    if _correction_of(fixed) is None:
+        return fixed
+
+    def telling(make: Any) -> Any:
+        if isinstance(getattr(make, "change", None), _Correction):
+            return replace(make, change=replace(make.change, keep_paths=True, room=Room()))
+        return replace(make, make=telling(make.make))
+
+    return replace(fixed, make=telling(fixed.make))
+
+
+def before(fixed: LayerStack) -> LayerStack:
+    """The layers that `correct` was given. Raises InputError for layers that it did not make."""
+    if _correction_of(fixed) is None:
+        raise InputError("these layers were not made by correct(): nothing says what was changed")
+
+    def without(make: Any) -> Any:
+        if isinstance(getattr(make, "change", None), _Correction):
+            return make.make
+        return replace(make, make=without(make.make))
+
+    return replace(fixed, make=without(fixed.make), repeats=None)
+
+
+def _correction_of(fixed: LayerStack) -> Any:
+    """What makes the layers of a stack as `correct` left them; None if it did not."""
+    make: Any = fixed.make
+    while not isinstance(getattr(make, "change", None), _Correction):
+        if not hasattr(make, "make"):
+            return None
+        make = make.make
+    return make
 
 
 def correct_rows(rows: Rows, width: int, feature: Feature, mode: Mode, spurs: Spurs) -> Rows:

@@ -35,11 +35,11 @@ def with_min_layers(stack: LayerStack, min_layers: int) -> LayerStack:
         raise InputError(f"min layers {min_layers}: a whole number from 1 to {MOST_LAYERS}")
     if min_layers == 1 or len(stack) < min_layers:
         return stack
-    return replace(stack, make=_Raised(stack.make, len(stack), int(min_layers)), repeats=None)
+    return replace(stack, make=Raised(stack.make, len(stack), int(min_layers)), repeats=None)
 
 
 @dataclass(frozen=True, eq=False)
-class _Raised:
+class Raised:
     """`make` of a stack that is raised. What is pickled is how its layers are made."""
 
     make: Callable[[int], Layer]
@@ -54,8 +54,8 @@ class _Raised:
         object.__setattr__(self, "_layers", Remembered(self.make, keep))
         object.__setattr__(self, "_standing", Remembered(self._stands, keep))
 
-    def __reduce__(self) -> tuple[type[_Raised], tuple[Callable[[int], Layer], int, int]]:
-        return _Raised, (self.make, self.count, self.least)
+    def __reduce__(self) -> tuple[type[Raised], tuple[Callable[[int], Layer], int, int]]:
+        return Raised, (self.make, self.count, self.least)
 
     def _rows(self, index: int) -> Rows:
         """What of a layer counts: all but specks that are to be left as they are; nothing outside the stack."""

@@ -11,8 +11,9 @@ import math
 import numpy as np
 from numba import types
 
+from layerfix.bits import ALL, U0, U1, lowest_bit
 from layerfix.kernels import njit
-from layerfix.mesh.fill import EVEN_ODD, NONZERO, below
+from layerfix.mesh.fill import below
 
 TILE = 16  # px
 SLAB = 16  # intervals whose facets are looked through at once; at most 62, the bits of a mask
@@ -21,7 +22,10 @@ POINTS = types.Array(types.float64, 2, "C", readonly=True)
 TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
 INDICES = types.Array(types.int32, 1, "C")
 HEIGHTS = types.Array(types.float64, 1, "C", readonly=True)
+MARGIN_PX = 1e-6
 KEYS = types.Array(types.int64, 1, "C")
+SEEN = types.Array(types.uint64, 3, "C")
+RUNS = types.Array(types.int32, 2, "C")
 
 
 @njit
@@ -146,29 +150,46 @@ def paired(points, faces, chosen, edges, q0, across, along, alike):  # type: ign
 
 
 @njit
-def _may_hold(floor, ceiling, rule, least):  # type: ignore[no-untyped-def]
-    """Whether among facets that face up (0) and down (1) two may bound a stretch of solid of that height."""
-    if rule == EVEN_ODD and max(ceiling[0], ceiling[1]) - min(floor[0], floor[1]) >= least:
-        return True
-    return ceiling[0] - floor[1] >= least or (rule == NONZERO and ceiling[1] - floor[0] >= least)
-
-
-@njit
 def _slope(points, p, q):  # type: ignore[no-untyped-def]
     dy = points[q, 1] - points[p, 1]
     return (points[q, 0] - points[p, 0]) / dy if dy != 0 else 0.0
 
 
 @njit
-def _met(points, p, q, slope, j, first, stop):  # type: ignore[no-untyped-def]
-    """Columns of row j from the least to the greatest at which the edges so far and that from p to q cross it."""
-    y0, y1, x0 = points[p, 1], points[q, 1], points[p, 0]
-    if y1 < y0:
-        y0, y1, x0 = y1, y0, points[q, 0]
-    if y0 <= j < y1:
-        here = np.int64(math.ceil(x0 + (j - y0) * slope))
-        return min(first, here), max(stop, here)
+def _by_rows(points, a, b, c):  # type: ignore[no-untyped-def]
+    """The corners of a facet, from the first row to the last."""
+    if points[b, 1] < points[a, 1]:
+        a, b = b, a
+    if points[c, 1] < points[b, 1]:
+        b, c = c, b
+        if points[b, 1] < points[a, 1]:
+            a, b = b, a
+    return a, b, c
+
+
+@njit
+def _within(at_row, gx, z0, z1, low, high, first, stop):  # type: ignore[no-untyped-def]
+    """Of a facet's centres first … stop - 1 in a row those in low < z ≤ high; z is at_row + gx · column."""
+    if gx != 0 and stop - first > 2:
+        one, other = (low - at_row) / gx, (high - at_row) / gx
+        first = max(first, math.ceil(min(max(min(one, other), -1.0), stop) - 0.01))
+        stop = min(stop, math.floor(max(min(max(one, other), stop), -1.0) + 0.01) + 1)
+    while first < stop and not low < min(max(at_row + gx * first, z0), z1) <= high:
+        first += 1
+    while first < stop and not low < min(max(at_row + gx * (stop - 1), z0), z1) <= high:
+        stop -= 1
     return first, stop
+
+
+@njit
+def _bits(w, first, stop):  # type: ignore[no-untyped-def]
+    """Those of word w that are among first … stop - 1, of which it holds some."""
+    bits = ALL
+    if w == first >> 6:
+        bits &= ALL << np.uint64(first & 63)
+    if w == (stop - 1) >> 6:
+        bits &= ALL >> np.uint64(63 - ((stop - 1) & 63))
+    return bits
 
 
 @njit
@@ -181,90 +202,233 @@ def longer(keys):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _pushed(keys, k, pixel, place, begins):  # type: ignore[no-untyped-def]
-    """(keys with one more, their number)."""
-    if k == keys.shape[0]:
-        keys = longer(keys)
-    keys[k] = (pixel << (Z_BITS + 1)) | (place << 1) | begins
-    return keys, k + 1
+def _longer_table(runs):  # type: ignore[no-untyped-def]
+    """The same table with room for as many more rows."""
+    more = np.empty((2 * runs.shape[0], 4), np.int32)
+    for r in range(runs.shape[0]):
+        for k in range(4):
+            more[r, k] = runs[r, k]
+    return more
 
 
-@njit(
-    KEYS(
-        POINTS, TRIANGLES, INDICES, types.float64, types.float64, types.float64,
-        types.int64, types.int64, types.int64,
-    ),
-    cache=True,
-    nogil=True,
-)  # fmt: skip
-def crossings(points, faces, chosen, low, high, least, width, height, rule):  # type: ignore[no-untyped-def]
-    """Where facets cross low < z ≤ high over centres: pixel · 2^31 + place · 2 + (1 if the solid begins, upwards).
+@njit
+def _plane(points, a, b, c):  # type: ignore[no-untyped-def]
+    """(gx, gy): how z changes along x and y."""
+    xa, ya, za, area = points[a, 0], points[a, 1], points[a, 2], _area(points, a, b, c)
+    ux, uy, uz = points[b, 0] - xa, points[b, 1] - ya, points[b, 2] - za
+    vx, vy, vz = points[c, 0] - xa, points[c, 1] - ya, points[c, 2] - za
+    return (uz * vy - vz * uy) / area, (ux * vz - vx * uz) / area
 
-    least  only in tiles where one facet may begin a stretch of solid and another end it so much above; 0: all of them
-    """
+
+@njit
+def _keys_of(points, faces, chosen, runs, low, high, width, seen):  # type: ignore[no-untyped-def]
+    """The crossings of runs over the pixels that both images of `seen` hold."""
+    keys, k = np.empty(256, np.int64), 0
+    scale = ((1 << Z_BITS) - 2) / (high - low)
+    for r in range(runs.shape[0]):
+        p, j, first, stop = runs[r]
+        for w in range(first >> 6, ((stop - 1) >> 6) + 1):
+            bits = _bits(w, first, stop) & seen[w, j, 0] & seen[w, j, 1]
+            if bits == U0:
+                continue
+            a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
+            za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
+            z0, z1 = min(za, zb, zc), max(za, zb, zc)
+            begins = np.int64(_area(points, a, b, c) > 0)
+            gx, gy = _plane(points, a, b, c)
+            at_row = za + gy * (j - points[a, 1]) - gx * points[a, 0]
+            while bits != U0:
+                i = np.int64(w) * 64 + lowest_bit(bits)
+                bits &= bits - U1
+                z = min(max(at_row + gx * i, z0), z1)
+                place = np.int64((z - low) * scale) + 1
+                place = min(max(place, np.int64(1)), np.int64((1 << Z_BITS) - 1))
+                if k == keys.shape[0]:
+                    keys = longer(keys)
+                keys[k] = ((np.int64(j) * width + i) << (Z_BITS + 1)) | (place << 1) | begins
+                k += 1
+    return keys[:k].copy()
+
+
+@njit
+def _cut_off(points, a, b, c, low, high, xs, ys):  # type: ignore[no-untyped-def]
+    """Corners of a facet's part in low ≤ z ≤ high, one after the other. Returns how many there are, at most 9."""
+    n = 0
+    for p, q in ((a, b), (b, c), (c, a)):
+        zp, zq = points[p, 2], points[q, 2]
+        if low <= zp <= high:
+            xs[n], ys[n] = points[p, 0], points[p, 1]
+            n += 1
+        for z in (low, high) if zp < zq else (high, low):
+            if min(zp, zq) < z < max(zp, zq):
+                part = (z - zp) / (zq - zp)
+                xs[n] = points[p, 0] + part * (points[q, 0] - points[p, 0])
+                ys[n] = points[p, 1] + part * (points[q, 1] - points[p, 1])
+                n += 1
+    return n
+
+
+@njit
+def _reach(xs, ys, n, v0, v1, least, most):  # type: ignore[no-untyped-def]
+    """least[v], most[v] = the x from which and to which a convex shape with n corners reaches among the rows of
+    tiles v0 … v1."""
+    for v in range(v0, v1 + 1):
+        least[v], most[v] = math.inf, -math.inf
+    for k in range(n):
+        x0, y0, x1, y1 = xs[k], ys[k], xs[k - 1 if k else n - 1], ys[k - 1 if k else n - 1]
+        if y1 < y0:
+            x0, y0, x1, y1 = x1, y1, x0, y0
+        first = max(math.floor((y0 - MARGIN_PX) / TILE), v0)
+        last = min(math.floor((y1 + MARGIN_PX) / TILE), v1)
+        slope = (x1 - x0) / (y1 - y0) if y1 > y0 else 0.0
+        for v in range(first, last + 1):
+            above, under = v * TILE - MARGIN_PX, v * TILE + TILE - 1 + MARGIN_PX
+            if y1 < above or y0 > under:
+                continue
+            one = x0 if y0 >= above else x0 + (above - y0) * slope
+            other = x1 if y1 <= under else x0 + (under - y0) * slope
+            least[v], most[v] = min(least[v], one, other), max(most[v], one, other)
+
+
+@njit
+def _near_parts(points, faces, chosen, low, high, alike, width, height):  # type: ignore[no-untyped-def]
+    """Of facets that cross low < z ≤ high the rows in tiles that may hold a pixel with one facing up and one down
+    (`alike`: with two of any kind): (n, 5) number in `chosen`, first row, past the last, first column, past it."""
     across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
-    floor = np.full((2, along, across), np.float32(math.inf))  # of what faces up, and down
-    ceiling = np.full((2, along, across), np.float32(-math.inf))
-    most = 0
-    span = np.zeros((chosen.shape[0], 2), np.int32)
+    tiles = np.zeros((along, across), np.uint8)
+    least, most = np.empty(along), np.empty(along)
+    xs, ys = np.empty(9), np.empty(9)
+    strips, n = np.empty((256, 4), np.int32), 0
+    for p in range(chosen.shape[0]):
+        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
+        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
+        if max(za, zb, zc) <= low or min(za, zb, zc) > high:
+            continue
+        corners = _cut_off(points, a, b, c, low, high, xs, ys)
+        if corners == 0:
+            continue
+        x0, x1, y0, y1 = xs[0], xs[0], ys[0], ys[0]
+        for k in range(1, corners):
+            x0, x1, y0, y1 = min(x0, xs[k]), max(x1, xs[k]), min(y0, ys[k]), max(y1, ys[k])
+        y0, y1 = y0 - MARGIN_PX, y1 + MARGIN_PX
+        if math.ceil(x0 - MARGIN_PX) > math.floor(x1 + MARGIN_PX):
+            continue
+        v0, v1 = max(math.floor(y0 / TILE), 0), min(math.floor(y1 / TILE), along - 1)
+        if v1 < v0 or math.ceil(y0) > math.floor(y1):
+            continue
+        if (v1 - v0 < 2 and x1 - x0 < TILE) or math.floor(x0 / TILE) == math.floor(x1 / TILE):
+            for v in range(v0, v1 + 1):
+                least[v], most[v] = x0, x1
+        else:
+            _reach(xs, ys, corners, v0, v1, least, most)
+        mark = np.uint8(2 if _area(points, a, b, c) > 0 else 1)
+        for v in range(v0, v1 + 1):
+            i0, i1 = math.ceil(least[v] - MARGIN_PX), math.floor(most[v] + MARGIN_PX)
+            if i1 < i0 or i1 < 0 or i0 >= width:
+                continue
+            u0, u1 = max(i0, 0) // TILE, min(i1, width - 1) // TILE
+            if n == strips.shape[0]:
+                strips = _longer_table(strips)
+            strips[n, 0], strips[n, 1], strips[n, 2], strips[n, 3] = p, v, u0, u1
+            n += 1
+            for u in range(u0, u1 + 1):
+                tiles[v, u] |= (tiles[v, u] << 1 | 1) & 3 if alike else mark
+    parts, k = np.empty((n, 5), np.int32), 0
+    for s in range(n):
+        p, v, u0, u1 = strips[s]
+        while u0 <= u1 and tiles[v, u0] != 3:
+            u0 += 1
+        while u0 < u1 and tiles[v, u1] != 3:
+            u1 -= 1
+        if u0 <= u1:
+            parts[k, 0], parts[k, 1], parts[k, 2] = p, v * TILE, min(v * TILE + TILE, height)
+            parts[k, 3], parts[k, 4] = u0 * TILE, min(u1 * TILE + TILE, width)
+            k += 1
+    return parts[:k]
+
+
+@njit
+def _all_parts(points, faces, chosen, low, high, width, height):  # type: ignore[no-untyped-def]
+    """The same of all facets, in all tiles."""
+    parts, n = np.empty((chosen.shape[0], 5), np.int32), 0
     for p in range(chosen.shape[0]):
         a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
         za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
         if max(za, zb, zc) > low and min(za, zb, zc) <= high:
             y0, y1 = _rows_between(points, a, b, c, low, high)
             if y0 < height and y1 >= 0:
-                span[p, 0], span[p, 1] = max(math.ceil(y0), 0), min(math.floor(y1) + 1, height)
-                most += max(span[p, 1] - span[p, 0], 0)
-    runs, planes, n = np.empty((most, 4), np.int32), np.empty((most, 2), np.float64), 0
-    for p in range(chosen.shape[0]):
-        if span[p, 1] <= span[p, 0]:
-            continue
+                parts[n, 0], parts[n, 1], parts[n, 2] = p, max(math.ceil(y0), 0), min(math.floor(y1) + 1, height)
+                parts[n, 3], parts[n, 4] = 0, width
+                n += 1
+    return parts[:n]
+
+
+@njit(
+    types.Tuple((KEYS, RUNS))(
+        POINTS, TRIANGLES, INDICES, types.float64, types.float64, types.UniTuple(types.float64, 2), types.boolean,
+        types.int64, SEEN, RUNS,
+    ),
+    cache=True,
+    nogil=True,
+)  # fmt: skip
+def crossings(points, faces, chosen, low, high, always, alike, width, seen, runs):  # type: ignore[no-untyped-def]
+    """Where facets cross low < z ≤ high over centres: pixel · 2^31 + place · 2 + (1 if the solid begins, upwards).
+
+    Only of pixels with a facet that faces up and one that faces down there (`alike`: with two of any kind), and of
+    those with one between the heights `always`.
+
+    seen  (words, height, 2): two empty images, which will be empty again
+    runs  a table to work in, which is returned, too: longer, if it was too short
+    """
+    height, n = seen.shape[1], 0
+    if always[0] > always[1]:
+        parts = _near_parts(points, faces, chosen, low, high, alike, width, height)
+    else:
+        parts = _all_parts(points, faces, chosen, low, high, width, height)
+    for part in range(parts.shape[0]):
+        p, j0, j1, i0, i1 = parts[part]
         a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
         za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
         z0, z1 = min(za, zb, zc), max(za, zb, zc)
-        xa, ya, area = points[a, 0], points[a, 1], _area(points, a, b, c)
-        ux, uy, uz = points[b, 0] - xa, points[b, 1] - ya, zb - za
-        vx, vy, vz = points[c, 0] - xa, points[c, 1] - ya, zc - za
-        gx, gy = (uz * vy - vz * uy) / area, (ux * vz - vx * uz) / area
-        ab, bc, ca = _slope(points, a, b), _slope(points, b, c), _slope(points, c, a)
-        down = np.int64(area > 0)
-        for j in range(span[p, 0], span[p, 1]):
-            first, stop = _met(points, a, b, ab, j, np.int64(1) << 40, -(np.int64(1) << 40))
-            first, stop = _met(points, b, c, bc, j, first, stop)
-            first, stop = _met(points, c, a, ca, j, first, stop)
-            first, stop = max(first, 0), min(stop, width)
+        top, middle, bottom = _by_rows(points, a, b, c)
+        j0, j1 = max(j0, math.ceil(points[top, 1])), min(j1, math.ceil(points[bottom, 1]))
+        if j1 <= j0:
+            continue
+        xa, ya = points[a, 0], points[a, 1]
+        gx, gy = _plane(points, a, b, c)
+        down = np.int64(0 if alike else _area(points, a, b, c) > 0)
+        near = z1 > always[0] and z0 <= always[1]
+        x_long, y_long, long = points[top, 0], points[top, 1], _slope(points, top, bottom)
+        x_short, y_short, short, above = x_long, y_long, _slope(points, top, middle), True
+        for j in range(j0, j1):
+            if above and j >= points[middle, 1]:
+                x_short, y_short, short = points[middle, 0], points[middle, 1], _slope(points, middle, bottom)
+                above = False
+            one, other = math.ceil(x_long + (j - y_long) * long), math.ceil(x_short + (j - y_short) * short)
+            first, stop = max(min(one, other), i0), min(max(one, other), i1)
             if stop <= first:
                 continue
             at_row = za + gy * (j - ya) - gx * xa
-            if gx != 0 and stop - first > 2:  # only where the facet is between the two heights
-                one, other = (low - at_row) / gx, (high - at_row) / gx
-                first = max(first, math.floor(min(max(min(one, other), -1.0), width)) - 1)
-                stop = min(stop, math.ceil(max(min(max(one, other), width), -1.0)) + 2)
-                if stop <= first:
-                    continue
-            for u in range(first // TILE, (stop - 1) // TILE + 1):
-                one = at_row + gx * max(first, u * TILE)
-                other = at_row + gx * min(stop - 1, u * TILE + TILE - 1)
-                v = j // TILE
-                floor[down, v, u] = min(floor[down, v, u], max(min(one, other), z0, low))
-                ceiling[down, v, u] = max(ceiling[down, v, u], min(max(one, other), z1, high))
-            runs[n, 0], runs[n, 1], runs[n, 2], runs[n, 3] = p, j, first, stop
-            planes[n, 0], planes[n, 1] = at_row, gx
-            n += 1
-    keys, k = np.empty(256, np.int64), 0
-    scale = ((1 << Z_BITS) - 2) / (high - low)
-    for r in range(n):
-        p, j, first, stop = runs[r]
-        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
-        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
-        z0, z1 = min(za, zb, zc), max(za, zb, zc)
-        begins = np.int64(_area(points, a, b, c) > 0)
-        for u in range(first // TILE, (stop - 1) // TILE + 1):
-            if least > 0 and not _may_hold(floor[:, j // TILE, u], ceiling[:, j // TILE, u], rule, 0.99 * least):
+            first, stop = _within(at_row, gx, z0, z1, low, high, first, stop)
+            if stop <= first:
                 continue
-            for i in range(max(first, u * TILE), min(stop, u * TILE + TILE)):
-                z = min(max(planes[r, 0] + planes[r, 1] * i, z0), z1)
-                if low < z <= high:
-                    place = min(max(np.int64((z - low) * scale) + 1, 1), (1 << Z_BITS) - 1)
-                    keys, k = _pushed(keys, k, np.int64(j) * width + i, place, begins)
-    return keys[:k].copy()
+            if n == runs.shape[0]:
+                runs = _longer_table(runs)
+            runs[n, 0], runs[n, 1], runs[n, 2], runs[n, 3] = p, j, first, stop
+            n += 1
+            for w in range(first >> 6, ((stop - 1) >> 6) + 1):
+                bits = _bits(w, first, stop)
+                if alike:
+                    seen[w, j, 1] |= seen[w, j, 0] & bits
+                seen[w, j, down] |= bits
+            if near:
+                first, stop = _within(at_row, gx, z0, z1, always[0], always[1], first, stop)
+                if stop > first:
+                    for w in range(first >> 6, ((stop - 1) >> 6) + 1):
+                        seen[w, j, 1] |= _bits(w, first, stop)
+    keys = _keys_of(points, faces, chosen, runs[:n], low, high, width, seen)
+    for r in range(n):
+        for w in range(runs[r, 2] >> 6, ((runs[r, 3] - 1) >> 6) + 1):
+            seen[w, runs[r, 1], 0] = U0
+            seen[w, runs[r, 1], 1] = U0
+    return keys, runs

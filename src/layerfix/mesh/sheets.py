@@ -14,13 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from threading import local
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import types
 
-from layerfix.bits import U1, WORK
+from layerfix.bits import U1, WORK, words_for
 from layerfix.kernels import njit
+from layerfix.layers.columns import Room
 from layerfix.layers.components import root_of
 from layerfix.layers.neighbours import bit_at
 from layerfix.mesh.crossings import KEYS, SLAB, TILE, Z_BITS, crossings, longer, paired, slabs_of
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 LEAST = 0.25  # of a layer: what is kept
 CRUMB = 4  # px
 FOIL = 1e-3  # of a layer: what is lower is nothing
+NOWHERE = (np.inf, -np.inf)
 BOUNDS = types.Array(types.float64, 1, "C")
 
 
@@ -44,12 +47,12 @@ MINE, HIGH = 1, 2  # marks of a stretch: this layer holds most of it; it is high
 @njit(
     KEYS(
         KEYS, types.int64, types.float64, types.float64, types.float64,
-        types.boolean, types.boolean, types.float64, types.int64, WORK,
+        types.boolean, types.boolean, types.float64, types.float64, types.int64, WORK,
     ),
     cache=True,
     nogil=True,
 )  # fmt: skip
-def _walk(keys, width, low, high, border, upwards, all_mine, least, rule, rows):  # type: ignore[no-untyped-def]
+def _walk(keys, width, low, high, border, upwards, all_mine, least, foil, rule, rows):  # type: ignore[no-untyped-def]
     """Stretches between a layer's mid-plane and the next one, over pixels empty in `rows`: 4 · pixel + marks.
 
     keys    sorted crossings of low < z ≤ high
@@ -79,6 +82,8 @@ def _walk(keys, width, low, high, border, upwards, all_mine, least, rule, rows):
                 start = z
                 continue
             bottom, top = min(start, z), max(start, z)
+            if top - bottom < foil:
+                continue
             under, over = min(top, border) - bottom, top - max(bottom, border)
             mine = all_mine or ((under >= over - tie) if upwards else (over > under + tie))
             mark = (MINE if mine else 0) | (HIGH if top - bottom >= least - tie else 0)
@@ -223,6 +228,8 @@ class Sheets:
     size_px: tuple[int, int]
     rule: int
     least: float = LEAST
+    room: Room = field(default_factory=Room)
+    _runs: local = field(default_factory=local, init=False)
     _edges: NDArray[np.float64] = field(init=False)  # of the intervals between mid-planes, q below layer q
     _keys: Callable[[int], NDArray[np.int64]] = field(init=False)  # of an interval
     _facets: Callable[[int], NDArray[np.int32]] = field(init=False)  # of a slab
@@ -250,12 +257,8 @@ class Sheets:
             mine = slabs(q // SLAB)
             if not len(mine):
                 return np.zeros(0, np.int64)
-            heights = np.diff(self.bounds, axis=1)[max(q - 1, 0) : q + 1]
-            least = FOIL * float(heights.min())
             low, high = edges[q], edges[q + 1]
-            keys: NDArray[np.int64] = crossings(*surface, mine, low, high, least, width, height, self.rule)
-            keys.sort()
-            return keys
+            return self._crossings(mine, low, high, NOWHERE, alike)
 
         object.__setattr__(self, "_keys", Remembered(interval, 16))
         object.__setattr__(self, "_edges", edges)
@@ -275,10 +278,31 @@ class Sheets:
         heights = np.diff(self.bounds[[max(index - 1, 0), index, min(index + 1, last)]], axis=1)[:, 0]
         slabs = range(max(index - 1, 0) // SLAB, min(index + 2, last + 1) // SLAB + 1)
         mine = np.unique(np.concatenate([self._facets(s) for s in slabs]))
-        keys: NDArray[np.int64] = crossings(self.points, self.faces, mine, low, high, 0.0, *self.size_px, self.rule)
-        keys.sort()
+        middle, deepest = self.planes[index], share * (top - bottom)
+        clear = FOIL * (top - bottom)
+        always = (
+            min(middle, bottom + deepest, top - deepest) - clear,
+            max(middle, bottom + deepest, top - deepest) + clear,
+        )
+        keys = self._crossings(mine, low, high, always, True)
         return int(_cover(keys, segments, self.size_px[0], bounds, heights, self.planes[index], share,
                           self.least * heights[1], self.rule, rows))  # fmt: skip
+
+    def _crossings(
+        self, mine: NDArray[np.int32], low: float, high: float, always: tuple[float, float], alike: bool
+    ) -> NDArray[np.int64]:
+        """Those of some facets, sorted."""
+        width, height = self.size_px
+        seen = self.room.empty_images(words_for(width), (height, 2))
+        runs = getattr(self._runs, "kept", None)
+        keys: NDArray[np.int64]
+        keys, self._runs.kept = crossings(
+            self.points, self.faces, mine, low, high, always, alike, width, seen,
+            np.empty((4096, 4), np.int32) if runs is None else runs,
+        )  # fmt: skip
+        self.room.emptied(seen)
+        keys.sort()
+        return keys
 
     def near(self, index: int) -> bool:
         """Whether a layer's mid-plane may miss anything."""
@@ -296,7 +320,8 @@ class Sheets:
             low, high = self._edges[q], self._edges[q + 1]
             keys = self._keys(q)
             if len(keys):
-                found.append(_walk(keys, width, low, high, border, upwards, end, least, self.rule, rows))
+                foil = FOIL * float(np.diff(self.bounds[max(q - 1, 0) : q + 1], axis=1).min())
+                found.append(_walk(keys, width, low, high, border, upwards, end, least, foil, self.rule, rows))
         stretches = np.sort(np.concatenate(found))
         if not len(stretches):
             return 0, 0

@@ -216,24 +216,49 @@ def slice_mesh(
     return LayerStack(width, height, pitch, z_mm, make, origin, notes=mesh.notes)
 
 
-def slice_like(mesh: Mesh, stack: LayerStack, *, fill: Fill = "nonzero") -> LayerStack:
+def slice_like(
+    mesh: Mesh,
+    stack: LayerStack,
+    *,
+    fill: Fill = "nonzero",
+    hairlines: bool = False,
+    z_sampling: Literal["rescue", "middle"] = "middle",
+) -> LayerStack:
     """Cut a mesh into the layers and pixels of another stack: a bore to be kept free, say, for `correct`.
 
     If that stack was sliced from a mesh, both have the same origin; otherwise z = 0 is the plate, and x and y are the
-    stack's. What lies outside the frame is cut off. Raises InputError for a part without thickness.
+    stack's. What lies outside the frame is cut off. Other arguments as in `slice_mesh`. Raises InputError for a part
+    without thickness.
     """
     if fill not in FILLS:
         raise InputError(f"fill='{fill}' is not known; choose from {', '.join(FILLS)}")
     if min(mesh.size_mm) <= 0:
         raise InputError(f"{mesh.name}: the part is {' × '.join(f'{s:.4g}' for s in mesh.size_mm)} mm; it is flat")
+    lowest_mm = plate_mm(stack)
+    shape = stack.height, words_for(stack.width)
+    grid = _Grid(stack.pixel_mm, stack.origin_mm, shape, stack.width, lowest_mm, stack.z_mm)
+    make = _sliced(mesh, grid, FILLS[fill], hairlines, z_sampling, False, None)
+    return LayerStack(stack.width, stack.height, stack.pixel_mm, stack.z_mm, make, stack.origin_mm, notes=mesh.notes)
+
+
+def plate_mm(stack: LayerStack) -> float:
+    """The z, in the coordinates of the mesh that was sliced, that is 0 in the stack; 0 if it was not sliced."""
+    sliced = _slicing_of(stack)
+    return 0.0 if sliced is None else sliced.grid.lowest_mm
+
+
+def sliced_mesh(stack: LayerStack) -> Mesh | None:
+    """The mesh that the layers of a stack were cut from, whatever was done to them since; None if they were not."""
+    sliced = _slicing_of(stack)
+    mesh: Mesh | None = None if sliced is None else sliced.how[0]
+    return mesh
+
+
+def _slicing_of(stack: LayerStack) -> _Sliced | None:
     make: Any = stack.make
     while not isinstance(make, _Sliced) and hasattr(make, "make"):
         make = make.make
-    lowest_mm = make.grid.lowest_mm if isinstance(make, _Sliced) else 0.0
-    shape = stack.height, words_for(stack.width)
-    grid = _Grid(stack.pixel_mm, stack.origin_mm, shape, stack.width, lowest_mm, stack.z_mm)
-    make = _sliced(mesh, grid, FILLS[fill], False, "middle", False, None)
-    return LayerStack(stack.width, stack.height, stack.pixel_mm, stack.z_mm, make, stack.origin_mm, notes=mesh.notes)
+    return make if isinstance(make, _Sliced) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -465,7 +490,7 @@ def _layers(mesh: Mesh, layer_mm: float, first_layer_mm: float | None, z_samplin
 
 def _cutter(mesh: Mesh, grid: _Grid) -> _Cutter:
     z_mm = grid.z_mm
-    quantum = 10.0 ** (math.floor(math.log10(float((z_mm[:, 1] - z_mm[:, 0]).min()))) - 4)
+    quantum = _quantum(z_mm)
     points = np.empty_like(mesh.vertices)
     for start in range(0, len(points), CHUNK):
         vertices, out = mesh.vertices[start : start + CHUNK], points[start : start + CHUNK]
@@ -481,3 +506,26 @@ def _cutter(mesh: Mesh, grid: _Grid) -> _Cutter:
         closed = edges_balance(points, faces)
     starts, chosen = bucket(points, faces, planes, SLAB_LAYERS)
     return _Cutter(points, faces, planes, z_mm / quantum, starts, chosen, closed)
+
+
+def pixels_and_planes(
+    mesh: Mesh,
+    *,
+    pixel_mm: tuple[float, float],
+    layer_mm: float,
+    first_layer_mm: float | None,
+    margin_mm: float,
+) -> tuple[int, int, tuple[float, float], NDArray[np.float64], float, NDArray[np.float64]]:
+    """(width, height, origin, layers' bounds, z quantum, mid-planes in quanta) that `slice_mesh` takes for a mesh.
+
+    For those who cut one thousands of times and need no Layers.
+    """
+    width, height, origin = _frame(mesh, pixel_mm, margin_mm, None)
+    z_mm = _layers(mesh, layer_mm, first_layer_mm, "middle")
+    quantum = _quantum(z_mm)
+    return width, height, origin, z_mm, quantum, np.round(z_mm.mean(axis=1) / quantum, 1)
+
+
+def _quantum(z_mm: NDArray[np.float64]) -> float:
+    """What z is counted in: a decimal fraction of the lowest layer."""
+    return float(10.0 ** (math.floor(math.log10(float((z_mm[:, 1] - z_mm[:, 0]).min()))) - 4))

@@ -1,0 +1,84 @@
+"""`layerfix show`: pictures of layers, before and after correction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from layerfix.commands.fix import as_asked, opened, usual_mode
+from layerfix.draw.sheet import MOST_THUMBS, Pair, contact_sheet, four_panels
+from layerfix.errors import InputError, OutputError
+from layerfix.files import check_apart, check_input, check_target, whole_file
+from layerfix.layers.correction import telling_paths
+
+if TYPE_CHECKING:
+    from layerfix.commands.options import Options
+    from layerfix.stack import LayerStack
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What `layerfix show --json` prints: which layers are in the picture, of how many, and how many changed."""
+
+    source: str
+    target: str
+    layers: tuple[int, ...]
+    of: int
+    changed: int | None
+
+
+def show(
+    source: Path,
+    target: Path,
+    index: int | None,
+    options: Options,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Shown:
+    """Draw one layer from all sides, or (index None) those that changed.
+
+    Raises InputError for a layer that is not there and a source without a change, OutputError for the target.
+    """
+    check_input(source)
+    if target.suffix.lower() != ".png":
+        raise OutputError(f"{target}: the picture is written as PNG; call it .png")
+    check_apart(target, source)
+    check_target(target, force=options.run.force)
+    stack, turned = opened(source, options)
+    if index is not None and not 0 <= index < len(stack):
+        raise InputError(f"{source}: layer {index} is not there; it has layers 0 to {len(stack) - 1}")
+    mode = options.correction.mode or usual_mode(options.printer, stack)
+    fixed = telling_paths(as_asked(stack, turned, mode, options))
+    if index is not None:
+        pairs, changed = [Pair(index, stack[index], fixed[index])], None
+        picture = four_panels(pairs[0], stack.pixel_mm)
+    else:
+        chosen, changed = _most_changed(fixed, progress)
+        if not chosen:
+            raise InputError(f"{source}: correction changes none of its {len(stack)} layers; give --layer")
+        pairs = [Pair(k, stack[k], fixed[k]) for k in chosen]
+        picture = contact_sheet(pairs, stack.pixel_mm)
+    with whole_file(target, force=options.run.force) as file:
+        picture.save(file, "PNG")
+    return Shown(str(source), str(target), tuple(pair.number for pair in pairs), len(stack), changed)
+
+
+def _most_changed(fixed: LayerStack, progress: Callable[[int, int], None]) -> tuple[list[int], int]:
+    """(layers spread over those that changed, from the bottom up; how many changed)."""
+    changed = []
+    for k, layer in enumerate(fixed.each(lambda layer: layer.without_pixels())):
+        if layer.change is not None and layer.change.added_px + layer.change.removed_px:
+            changed.append(k)
+        progress(k + 1, len(fixed))
+    count = min(len(changed), MOST_THUMBS)
+    return [changed[i * len(changed) // count] for i in range(count)] if count else [], len(changed)
+
+
+def lines_of(shown: Shown) -> list[tuple[str, str]]:
+    """What a user wants to see."""
+    layers = ", ".join(map(str, shown.layers))
+    rows = [("layers", f"{layers} of {shown.of}")]
+    if shown.changed is not None:
+        rows.append(("changed", str(shown.changed)))
+    return [*rows, ("written", shown.target)]

@@ -1,0 +1,69 @@
+"""A mesh in its best build direction, for `layerfix fix --orient`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from layerfix.commands.options import min_feature_of
+from layerfix.errors import InputError
+from layerfix.layers.feature import check_feature_mm
+from layerfix.orientation.find import Options as SearchOptions
+from layerfix.orientation.find import find
+from layerfix.orientation.objective import Objective, Printing
+
+if TYPE_CHECKING:
+    from layerfix.commands.options import Options
+    from layerfix.mesh.triangles import Mesh
+    from layerfix.orientation.search import State
+
+
+def printing_of(mesh: Mesh, options: Options) -> Printing:
+    """How the part would be printed, from what was given and the printer. Raises InputError for what is missing."""
+    printer, frame = options.printer, options.frame
+    pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
+    layer_mm = frame.layer_mm or (printer.layer_mm if printer else None)
+    if pixel_mm is None or layer_mm is None:
+        raise InputError(
+            f"{mesh.name}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)"
+        )
+    first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
+    min_feature_mm = min_feature_of(options)
+    check_feature_mm(min_feature_mm, pixel_mm)
+    mode = options.correction.mode or (printer.mode if printer else "as_printed")
+    spurs = options.correction.spurs or "metric"
+    return Printing(pixel_mm, layer_mm, min_feature_mm, first_mm, mode, spurs, options.slicing.fill or "nonzero")
+
+
+def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None]) -> Mesh:
+    """The mesh as it needs the least correction, with a note of what that won; one that fits the printer, if given.
+
+    progress is called with (poses counted, about how many there will be). Ctrl-C ends it: there is nothing to keep.
+    """
+
+    def told(state: State) -> None:
+        progress(round(state.done), max(round(state.total), 1))
+
+    if options.correction.keep_out is not None:
+        raise InputError(
+            "--orient and --keep-out: what is kept free would have to be turned, too; turn both first (the 4 × 4"
+            " transform is in the .json of `layerfix orient`)"
+        )
+    room_mm = options.printer.build_mm if options.printer else None
+    method = options.slicing.orient or "race"
+    objective = Objective(mesh, printing_of(mesh, options))
+    found = find(objective, SearchOptions(method, room_mm=room_mm), workers=options.run.workers, progress=told)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    best, given = found.best, found.initial
+    if best.pose == given.pose:
+        note = f"stands as it is given: of {found.screened} poses none needs less than {given.changed_px} px"
+    else:
+        theta = ", ".join(f"{angle:.2f}".replace("-0.00", "0.00") for angle in best.theta_rad)
+        note = (
+            f"turned by θ = [{theta}] and {best.psi_rad:.2f} rad on the plate: {best.changed_px} px to correct"
+            f" instead of {given.changed_px} ({found.reduction_percent:.3g} % less)"
+        )
+    placed = found.mesh()
+    return replace(placed, notes=(*placed.notes, note))
