@@ -22,7 +22,6 @@ from layerfix.cli.shared import (
     options_from,
     progress,
     summary_table,
-    with_codes,
 )
 from layerfix.cli.types import Area, Length, Percent, Range
 from layerfix.console import one_line
@@ -213,7 +212,7 @@ def fix(
 
         load_kernels(target)
     with progress(f"correcting {source.name}") as shown:
-        summary = run(source, target, options_from(printer, with_codes(given)), shown)
+        summary = run(source, target, options_from(printer, given), shown)
     click.echo(json.dumps(asdict(summary)) if as_json else summary_table(summary))
 
 

@@ -41,7 +41,7 @@ def options_from(printer: str | None, given: dict[str, Any]) -> Options:
 
     if given.get("bits"):
         given["bits"] = int(given["bits"])
-    return options_of(load_printer(printer) if printer else None, given)
+    return options_of(load_printer(printer) if printer else None, with_codes(given))
 
 
 def with_codes(given: dict[str, Any]) -> dict[str, Any]:

@@ -76,7 +76,7 @@ def _pairs(sources: Sequence[Path], folder: Path, options: Options, suffix: str 
         if target.name in names:
             raise OutputError(f"{source} and {names[target.name]}: both would become {target}; rename one")
         names[target.name] = source
-        check_before(target, options.printer)
+        check_before(target, options.printer, options.output)
         if folder.is_dir():
             check_target(target, force=options.run.force)
         pairs.append((source, target))

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from layerfix.commands.machines import told_of_machine, told_of_service
+from layerfix.commands.machines import hint_of, job_printers, told_of_machine, told_of_service
 from layerfix.commands.notes import (
     doubts,
     told_of_conflicts,
