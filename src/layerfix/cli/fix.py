@@ -207,7 +207,7 @@ def fix(
         raise click.UsageError(f"Got unexpected extra arguments ({extra}). Several inputs go with --out-dir DIR.")
     target = more[0]
     with kernels_ready():
-        from layerfix.commands.fix import fix as run
+        from layerfix.commands.project import fix_file as run
         from layerfix.formats import load_kernels
 
         load_kernels(target)
