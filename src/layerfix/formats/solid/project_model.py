@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from xml.parsers import expat
@@ -27,8 +28,8 @@ class MeshText:
     start: int = 0
     stop: int = 0
     prefix: str = ""
-    vertices: list[float] = field(default_factory=list)
-    corners: list[int] = field(default_factory=list)
+    vertices: array[float] = field(default_factory=lambda: array("d"))
+    corners: array[int] = field(default_factory=lambda: array("q"))
     attributes: dict[int, str] = field(default_factory=dict)  # beyond the corners, by triangle, as text
 
     def arrays(self, where: str) -> tuple[Floats, Faces]:
@@ -69,8 +70,12 @@ def written(prefix: str, vertices: list[Floats], faces: list[NDArray[np.int64]],
             line = f'<{prefix}vertex x="%.9g" y="%.9g" z="%.9g"/>\n'
             out.append(line * len(part[k : k + AT_ONCE]) % tuple(part[k : k + AT_ONCE].ravel().tolist()))
     out.append(f"</{prefix}vertices>\n<{prefix}triangles>\n")
-    for index, (a, b, c) in enumerate(np.concatenate(faces).tolist()):
-        out.append(f'<{prefix}triangle v1="{a}" v2="{b}" v3="{c}"{paint.get(index, "")}/>\n')
+    corners = np.concatenate(faces)
+    for k in range(0, len(corners), AT_ONCE):
+        some = corners[k : k + AT_ONCE]
+        own = [paint.get(index, "") for index in range(k, k + len(some))] if paint else [""] * len(some)
+        lines = [f'<{prefix}triangle v1="%d" v2="%d" v3="%d"{text.replace("%", "%%")}/>\n' for text in own]
+        out.append("".join(lines) % tuple(some.ravel().tolist()))
     out.append(f"</{prefix}triangles>")
     return "".join(out).encode()
 
@@ -111,12 +116,12 @@ class _Reader:
         prefix, _, local = tag.rpartition(":")
         mesh = self._mesh
         if local == "vertex" and mesh is not None:
-            mesh.vertices += float(given["x"]), float(given["y"]), float(given["z"])
+            mesh.vertices.extend((float(given["x"]), float(given["y"]), float(given["z"])))
         elif local == "triangle" and mesh is not None:
             if len(given) > len(CORNERS):
                 own = (f" {key}={_quoted(value)}" for key, value in given.items() if key not in CORNERS)
                 mesh.attributes[len(mesh.corners) // 3] = "".join(own)
-            mesh.corners += int(given["v1"]), int(given["v2"]), int(given["v3"])
+            mesh.corners.extend((int(given["v1"]), int(given["v2"]), int(given["v3"])))
         elif local == "vertices" and self._object:
             mesh = self._mesh = MeshText(at, at, f"{prefix}:" if prefix else "")
             self._model.meshes[self._object] = mesh
