@@ -25,9 +25,11 @@ from layerfix.printers import (
 )
 from tests.making import SHARED, Run, run_layerfix
 
-every_printer = pytest.mark.parametrize("name", printer_names())
-RESIN = [name for name in printer_names() if load_printer(name).process == "resin"]
-FDM = [name for name in printer_names() if load_printer(name).process == "fdm"]
+# Written by hand, with all that a new job needs; tests/test_printer_files.py tests those made of tables, too.
+ALL = [load_printer(name) for name in printer_names()]
+RESIN = [p.name for p in ALL if p.process == "resin" and p.exposure_s]
+FDM = [p.name for p in ALL if p.start_gcode]
+every_printer = pytest.mark.parametrize("name", [*RESIN, *FDM])
 
 # Machines that must be there: name, columns × rows, pitch in µm, format.
 EXPECTED_RESIN = """
@@ -115,7 +117,7 @@ FORMATS = {
     *(".sl1", ".sl1s", ".m1", ".ctb", ".goo", ".photon", ".nanodlp", ".svgx", ".cxdlp", ".cxdlpv4", ".gcode"),
     *(".pws", ".pwmo", ".pwmx", ".pm3", ".pm4n", ".pm5s", ".pm7", ".pwsz", ".dl2p"),  # Anycubic
 }
-SOURCES = ("UVtools", "PrusaSlicer", "sla-fw")
+SOURCES = ("UVtools", "PrusaSlicer", "OrcaSlicer", "sla-fw")
 
 GOOD = {
     "maker": '"Me"', "model": '"One"', "process": '"resin"', "build_mm": "[100.0, 50.0, 150]",
@@ -172,12 +174,13 @@ def comments(name: str) -> dict[str, str]:
 def test_there_are_printers():
     """At least 30, found beside the source or inside the package, under the names of their files."""
     assert len(printer_names()) >= 30
-    assert set(printer_names()) == {path.stem for path in printer_folder().glob("*")}
+    assert set(printer_names()) == {path.stem for path in printer_folder().glob("*.toml")}
+    assert {path.suffix for path in printer_folder().iterdir()} == {".toml", ".json"}
 
 
 def test_no_printer_is_there_twice():
     """Maker, model and nozzle tell them apart."""
-    plates = [(p.maker, p.model, p.nozzle_mm) for p in map(load_printer, printer_names())]
+    plates = [(p.maker, p.model, p.nozzle_mm) for p in ALL]
     assert len(set(plates)) == len(plates)
 
 
@@ -283,7 +286,7 @@ def test_every_fdm_printer_can_be_driven(name):
 
 def test_only_fdm_printers_say_what_g_code_needs():
     """A panel has no nozzle to heat or to move."""
-    assert all(getattr(load_printer(name), key) is None for name in RESIN for key in FOR_GCODE)
+    assert all(getattr(p, key) is None for p in ALL if p.process != "fdm" for key in FOR_GCODE)
 
 
 @pytest.mark.parametrize("line", EXPECTED_SPEEDS.strip().splitlines())
@@ -425,7 +428,8 @@ def test_every_value_has_its_line_in_the_table():
 
 
 @pytest.mark.parametrize(
-    ("process", "mode"), [("resin", "add_only"), ("fdm", "as_printed"), ("powder", "as_printed")]
+    ("process", "mode"),
+    [("resin", "add_only"), ("fdm", "as_printed"), ("powder", "as_printed"), ("service", "add_only")],
 )
 def test_the_process_decides_the_mode(tmp_path, process, mode):
     """A mask can draw corners, a nozzle and a beam cannot."""
@@ -492,7 +496,7 @@ def test_the_pitch_may_follow_from_panel_or_nozzle(tmp_path):
     ("name", "near"),
     [("prusa-sl2", "prusa-sl1"), ("PRUSA-SL1S", "prusa-sl1s"), ("mk3s", "prusa-mk3s-0.4"),
      ("saturn-3-ultra", "elegoo-saturn-3-ultra"), ("mini-8k", "phrozen-sonic-mini-8k"), ("ender-3", "ender-3-0.6"),
-     ("elegoo-mars-3-pro", "elegoo-mars-3")],
+     ("elegoo-mars-3-max", "elegoo-mars-3-pro"), ("elego-satrun-3", "elegoo-saturn-3")],
 )  # fmt: skip
 def test_an_unknown_name_proposes_the_nearest(name, near):
     """A typing error is answered with what was probably meant."""
@@ -608,7 +612,7 @@ def test_a_number_out_of_its_limits_is_named(tmp_path, key, value, limits):
 
 def test_a_choice_names_the_choices(tmp_path):
     """Process, mirror, dialect."""
-    assert problem(own(tmp_path, process='"laser"')).endswith("choose from resin, fdm, powder")
+    assert problem(own(tmp_path, process='"laser"')).endswith("choose from resin, fdm, powder, service")
     assert problem(own(tmp_path, mirror='"z"')).endswith("choose from '', x, y, xy")
     dialects = "marlin, marlin2, klipper, reprap, griffin"
     assert problem(own(tmp_path, gcode_flavor='"x"')).endswith(f"choose from {dialects}")
@@ -662,7 +666,8 @@ def test_ones_own_g_code_may_say_anything_else(tmp_path):
 @pytest.mark.parametrize(
     ("process", "text", "some"),
     [(None, "", {"prusa-sl1s", "ender-3-0.6"}), ("fdm", "prusa", {"prusa-xl-0.8"}), ("resin", "PRUSA", {"prusa-sl1"}),
-     (None, "saturn elegoo", {"elegoo-saturn-4-ultra-16k"}), (None, "prusa research", {"prusa-m1", "prusa-mk4-0.6"}),
+     (None, "saturn elegoo", {"elegoo-saturn-4-ultra-16k"}), (None, "prusa research", {"prusa-m1", "prusa-mk4-0.6"}), 
+     ("service", "pa12", {"materialise-pa12-mjf"}),
      (None, "Halot", {"creality-halot-one"}), (None, "v-core", {"ratrig-v-core-4-400-0.6"})],
 )  # fmt: skip
 def test_printers_are_found_by_process_and_words(process, text, some):
@@ -675,17 +680,33 @@ def test_printers_are_found_by_process_and_words(process, text, some):
         assert all(word in f"{p.name} {p.maker} {p.model}".lower() for word in text.lower().split())
 
 
+@pytest.mark.parametrize(
+    ("text", "some"),
+    [("elego satrun", {"elegoo-saturn", "elegoo-saturn-4"}), ("anycubik foton mono 4", {"anycubic-photon-mono-4"}),
+     ("ender3v2", {"creality-ender-3-v2-0.4"}), ("halotone", {"creality-halot-one"}), ("bamboo p1s",
+     {"bambu-lab-p1s-0.4"}), ("MK4S", {"prusa-mk4s-0.4"}), ("phrosen mini 8k", {"phrozen-sonic-mini-8k"})],
+)  # fmt: skip
+def test_the_search_forgives_spelling(text, some):
+    """Letters swapped, left out, or as they sound; words written together. Another number is another printer."""
+    found = {p.name for p in find_printers(text=text)}
+    assert some <= found
+    assert len(found) <= 24
+    assert not any(name.startswith("elegoo-saturn-5") for name in found)
+    assert find_printers(text="elego satrun 7") == []
+
+
 def test_nothing_is_found():
     """Neither by words that nobody has nor by a process none of them is of."""
     assert find_printers(text="prusa saturn") == []
     assert find_printers("powder") == []
+    assert find_printers(text="zzzz") == []
     assert listing([]) == []
 
 
 def test_the_list_fits_a_terminal(tmp_path):
-    """Columns that begin at the same place, 100 characters at most, also with a beam that has neither."""
+    """Columns that begin at the same place, 120 characters at most, also with a beam that has neither."""
     lines = listing(find_printers())
-    assert max(map(len, lines)) <= 100
+    assert max(map(len, lines)) <= 120
     assert {line.index(" min ") for line in lines} == {lines[0].index(" min ")}
     assert re.search(
         r"^prusa-mk3s-0.4 +Original Prusa i3 MK3S\+ +fdm +0.4 mm nozzle +min 0.8 mm$", "\n".join(lines), re.M
@@ -700,7 +721,7 @@ def test_the_description_has_every_known_value(name):
     """A line a value, in the order of the table, and none for what is not known."""
     printer = load_printer(name)
     lines = description(printer)
-    known = [key for key in KEYS if getattr(printer, key) is not None]
+    known = [key for key in KEYS if getattr(printer, key) not in (None, ())]
     assert [line.split()[0] for line in lines] == ["name", *(k for k in known if k != "mirror" or printer.pixels)]
     assert max(map(len, lines)) <= 100
     assert not any(len(line.splitlines()) > 1 for line in lines)
@@ -740,8 +761,8 @@ def test_a_description_in_full():
 def test_layerfix_printers_lists_and_filters():
     """The command prints what the library lists, and JSON of the same printers."""
     assert succeeds(run_layerfix("printers")).splitlines() == listing(find_printers())
-    args = ("printers", "--process", "fdm", "--search", "Prusa XL")
-    assert succeeds(run_layerfix(*args)).splitlines() == listing(find_printers("fdm", "prusa xl"))
+    args = ("printers", "--process", "fdm", "--search", "Prusa prusa-XL-0.8")
+    assert succeeds(run_layerfix(*args)).splitlines() == listing(find_printers("fdm", "prusa prusa-xl-0.8"))
     assert [p["name"] for p in json.loads(succeeds(run_layerfix(*args, "--json")))] == ["prusa-xl-0.8"]
 
 

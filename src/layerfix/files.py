@@ -168,6 +168,23 @@ def whole_folder(path: Path, *, force: bool, ours: Callable[[Path], bool] = _is_
             shutil.rmtree(temporary, ignore_errors=True)
 
 
+def put_in_place(finished: Path, path: Path) -> None:
+    """Move a finished file or folder, on the same file system, to where `path` leads; what is there is replaced.
+
+    Raises OutputError naming `path` if the system refuses; then both are as they were.
+    """
+    real = _real(path)
+    try:
+        if finished.is_dir():
+            _swap_in(finished, real, path)
+            shutil.rmtree(finished, ignore_errors=True)  # what was replaced
+        else:
+            _rename(finished, real, path)
+        _sync_folder(real.parent)
+    except OSError as problem:
+        raise OutputError(f"{path}: could not be written: {_reason(problem)}") from problem
+
+
 @contextmanager
 def already_written(*paths: Path) -> Iterator[None]:
     """For a further output: an error in the block also says which outputs are there, whole."""

@@ -11,6 +11,7 @@ from layerfix.cli.lists import completion, formats, printers
 from layerfix.cli.orient import orient
 from layerfix.cli.pictures import demo, draw
 from layerfix.cli.report import report, show
+from layerfix.cli.watch import watch
 from layerfix.cli.widths import widths
 
 
@@ -28,5 +29,5 @@ def layerfix() -> None:
     """
 
 
-for command in (fix, check, report, orient, show, widths, draw, demo, printers, formats, completion):
+for command in (fix, check, report, orient, watch, show, widths, draw, demo, printers, formats, completion):
     layerfix.add_command(command)

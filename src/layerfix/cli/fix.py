@@ -22,6 +22,7 @@ from layerfix.cli.shared import (
     options_from,
     progress,
     summary_table,
+    with_codes,
 )
 from layerfix.cli.types import Area, Length, Percent, Range
 from layerfix.console import one_line
@@ -145,6 +146,10 @@ from layerfix.console import one_line
     cloup.option("--infill", "density", type=Percent(), help="Density of the sparse infill. [default: 20%]"),
     cloup.option("--seam", type=cloup.Choice(["nearest", "rear", "random"]), help="Where loops start."),
     cloup.option("--skirt", "skirt_loops", type=cloup.IntRange(0), help="Loops round the part. [default: 1]"),
+    cloup.option(
+        "--start-gcode", type=cloup.Path(path_type=Path), help="File with what comes before the first layer."
+    ),
+    cloup.option("--end-gcode", type=cloup.Path(path_type=Path), help="File with what comes after the last layer."),
 )
 @cloup.option_group(
     "Running",
@@ -208,7 +213,7 @@ def fix(
 
         load_kernels(target)
     with progress(f"correcting {source.name}") as shown:
-        summary = run(source, target, options_from(printer, given), shown)
+        summary = run(source, target, options_from(printer, with_codes(given)), shown)
     click.echo(json.dumps(asdict(summary)) if as_json else summary_table(summary))
 
 

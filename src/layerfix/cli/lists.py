@@ -13,8 +13,10 @@ from layerfix.errors import InputError
 
 
 @cloup.group(invoke_without_command=True)
-@cloup.option("--process", type=cloup.Choice(["resin", "fdm", "powder"]), help="Only these.")
-@cloup.option("--search", metavar="TEXT", default="", help="Only those with TEXT in maker, model or name.")
+@cloup.option("--process", type=cloup.Choice(["resin", "fdm", "powder", "service"]), help="Only these.")
+@cloup.option(
+    "--search", metavar="TEXT", default="", help="Only those with TEXT in maker, model or name, or nearly so."
+)
 @cloup.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 @cloup.pass_context
 def printers(ctx: click.Context, process: str | None, search: str, as_json: bool) -> None:
@@ -27,7 +29,7 @@ def printers(ctx: click.Context, process: str | None, search: str, as_json: bool
       layerfix printers --search "elegoo saturn"
       layerfix printers show prusa-sl1s
     """
-    from layerfix.printers import find_printers, listing
+    from layerfix.printers import find_printers, listing, load_printer
 
     if ctx.invoked_subcommand:
         if process or search or as_json:
@@ -35,7 +37,7 @@ def printers(ctx: click.Context, process: str | None, search: str, as_json: bool
         return
     found = find_printers(process, search)
     if as_json:
-        click.echo(json.dumps([asdict(p) for p in found]))
+        click.echo(json.dumps([asdict(load_printer(p.name)) for p in found]))
     else:
         click.echo("\n".join(listing(found)) or "no such printer", err=not found)
 

@@ -44,6 +44,24 @@ def options_from(printer: str | None, given: dict[str, Any]) -> Options:
     return options_of(load_printer(printer) if printer else None, given)
 
 
+def with_codes(given: dict[str, Any]) -> dict[str, Any]:
+    """Start and end code read from the files that were named. Raises InputError for what cannot be read."""
+    from layerfix.errors import InputError
+    from layerfix.files import check_input, reading
+
+    for key in ("start_gcode", "end_gcode"):
+        path = given.get(key)
+        if path is None:
+            continue
+        check_input(path, folders=False)
+        try:
+            with reading(path):
+                given[key] = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError as problem:
+            raise InputError(f"{path}: is no G-code: not text in UTF-8 ({problem.reason})") from problem
+    return given
+
+
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     """A bar with the time left on a terminal; nothing in a pipe."""
@@ -133,6 +151,6 @@ def _thinnest(s: Summary) -> str:
 
 
 def rows_text(rows: Sequence[tuple[str, str]]) -> str:
-    """Names and values in two columns."""
+    """Names and values, a line each, the values below each other."""
     width = max(10, *(len(name) + 1 for name, _ in rows))
     return "\n".join(f"{name:{width}}{value}" for name, value in rows)

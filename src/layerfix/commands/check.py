@@ -69,7 +69,7 @@ def check(
         check_page(page, source, None, force=options.run.force)
     stack, turned = opened(source, options)
     stack = stack.with_workers(options.run.workers)
-    min_feature_mm = min_feature_of(options)
+    min_feature_mm = min_feature_of(options, source, stack)
     mode = options.correction.mode or usual_mode(options.printer, stack)
     spurs = options.correction.spurs or "metric"
     layers = []

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from layerfix.commands.machines import told_of_machine, told_of_service
 from layerfix.commands.notes import (
     doubts,
     told_of_conflicts,
@@ -95,12 +96,12 @@ def fix(
     """
     started = time.perf_counter()
     _check_paths(source, target, options)
-    check_before(target, options.printer)
+    check_before(target, options.printer, options.output)
     check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
     stack, turned = opened(source, _antialiased(source, target, options), progress)
     check_options(target, options.output, find_writer(target, stack).takes, flag)
-    min_feature_mm = min_feature_of(options)
+    min_feature_mm = min_feature_of(options, source, stack)
     surface = _surface(target, stack, options)
     mode = _mode(target, stack, surface, options)
     if options.run.layers is not None:
@@ -218,7 +219,8 @@ def opened(
                  first_layer_mm=frame.first_layer_mm, **greys)  # fmt: skip
     if empty_ends(stack) is None:
         raise InputError(f"{source}: nothing is solid in any of its {len(stack)} layers")
-    return stack, False
+    told = told_of_machine(stack, options.printer)
+    return replace(stack, notes=(*stack.notes, *told)) if told else stack, False
 
 
 class Part(NamedTuple):
@@ -264,7 +266,8 @@ def open_part(
                        min_overlap=0.5 if slicing.min_overlap is None else slicing.min_overlap,
                        antialias=bool(slicing.antialias),
                        frame_px=panel)  # fmt: skip
-    return Part(mesh, told_of_ends(stack, mesh), turned)
+    stack = told_of_ends(stack, mesh)
+    return Part(mesh, replace(stack, notes=(*stack.notes, *told_of_service(printer))), turned)
 
 
 def _keep_out(stack: LayerStack, turned: bool, options: Options) -> LayerStack | None:
@@ -326,7 +329,7 @@ def _fits_only_turned(mesh: Mesh, printer: Printer | None) -> bool:
     """Whether the mesh fits the printer only if it is turned by 90° on the plate (many panels stand on end)."""
     if printer is None:
         return False
-    (x, y, _), (room_x, room_y, _) = mesh.size_mm, printer.build_mm
+    (x, y, _), (room_x, room_y, _) = mesh.size_mm, printer.room_mm
     fits, fits_turned = x <= room_x and y <= room_y, x <= room_y and y <= room_x
     return fits_turned and not fits
 
@@ -338,10 +341,10 @@ def _check_size(mesh: Mesh, printer: Printer | None, min_feature_mm: float) -> N
             f"{mesh.name}: the part is {size[0]:.4g} × {size[1]:.4g} mm, smaller than the minimum feature of"
             f" {format_mm(min_feature_mm)}; all of it would be one dot"
         )
-    if printer and any(part > room * (1 + 1e-9) for part, room in zip(size, printer.build_mm, strict=True)):
+    if printer and any(part > room * (1 + 1e-9) for part, room in zip(size, printer.room_mm, strict=True)):
         raise InputError(
             f"{mesh.name}: the part is {' × '.join(f'{s:.4g}' for s in size)} mm, larger than what"
-            f" {printer.name} prints: {' × '.join(f'{s:.4g}' for s in printer.build_mm)} mm"
+            f" {printer.name} prints: {' × '.join(f'{s:.4g}' for s in printer.room_mm)} mm"
         )
 
 

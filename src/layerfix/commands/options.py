@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from layerfix.mesh.slicing import Fill, ZSampling
     from layerfix.orientation.find import Method
     from layerfix.printers import Printer
+    from layerfix.stack import LayerStack
 
 
 @dataclass(frozen=True)
@@ -129,10 +130,13 @@ def refuse_given(part: Slicing | Greys, why: str) -> None:
         raise InputError(f"{', '.join(map(flag, names))}: {why}")
 
 
-def min_feature_of(options: Options) -> float:
-    """What was given, or the printer's. Raises InputError if there is neither."""
+def min_feature_of(options: Options, source: Path | None = None, stack: LayerStack | None = None) -> float:
+    """What was given, or the printer's. Raises InputError if there is neither; a job may say which it is for."""
     if options.correction.min_feature_mm is not None:
         return options.correction.min_feature_mm
     if options.printer is None:
-        raise InputError("no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer")
+        from layerfix.commands.machines import hint_of, job_printers
+
+        hint = hint_of(source, job_printers(stack)) if source is not None and stack is not None else ""
+        raise InputError(f"no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer{hint}")
     return options.printer.min_feature_mm

@@ -117,7 +117,7 @@ def room_of(options: Options, fit: bool) -> tuple[float, float, float] | None:
 def _fits(found: Orientation, options: Options, asked: bool) -> list[str]:
     if options.printer is None or asked:
         return []
-    room, (x, y, z) = options.printer.build_mm, found.objective.size_mm(found.best.pose)
+    room, (x, y, z) = options.printer.room_mm, found.objective.size_mm(found.best.pose)
     if sorted((x, y)) <= sorted(room[:2]) and max(x, y) <= max(room[:2]) and z <= room[2]:
         return []
     size = f"{x:.4g} × {y:.4g} × {z:.4g} mm"

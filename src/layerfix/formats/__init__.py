@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
@@ -236,14 +236,28 @@ def _goes_with(name: str) -> str:
     return ", ".join(dict.fromkeys(found))
 
 
-def check_before(path: Path, printer: Printer | None) -> None:
-    """Whatever can be refused before there is a value: a printer that the writer of this suffix cannot write for."""
+def check_before(path: Path, printer: Printer | None, own: Mapping[str, Any] | None = None) -> None:
+    """Whatever can be refused before there is a value: a printer that the writer of this suffix cannot write for.
+
+    own  what that writer is to be told
+    """
+    suffix = path.suffix.lower()
+    if printer is not None and suffix and suffix == printer.format and not _is_written(suffix):
+        raise OutputError(
+            f"{path}: new {suffix} jobs of {printer.title} are not written here; write images (a folder or .zip) and"
+            f" let UVtools make the {suffix} of them, or correct a job that a slicer made"
+        )
     for row in rows():
         if path.suffix.lower() in row.suffixes:
             for writer in row.writers.values():
                 if writer.check is not None:
-                    function(writer.check)(path, printer)
+                    function(writer.check)(path, printer, own or {})
             return
+
+
+def _is_written(suffix: str) -> bool:
+    """Whether something writes or rewrites files of that suffix."""
+    return any(suffix in row.suffixes and (row.writers or row.rewritten) for row in rows())
 
 
 def load_kernels(path: Path) -> None:

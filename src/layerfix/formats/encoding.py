@@ -40,7 +40,9 @@ def checked_printer(path: Path, stack: LayerStack, options: WriteOptions, suffix
         raise OutputError(f"{path}: a new job needs the printer's exposure and panel; give --printer")
     if printer.format not in suffixes:
         raise OutputError(f"{path}: {printer.name} takes {printer.format or 'other'} jobs, not {' '.join(suffixes)}")
-    missing = [key for key in ("exposure_s", "bottom_exposure_s", "pixels") if getattr(printer, key) is None]
+    missing = [
+        key for key in ("exposure_s", "bottom_exposure_s", "pixels", "build_mm") if getattr(printer, key) is None
+    ]
     if missing:
         raise OutputError(f"{path}: the file of printer {printer.name} lacks {', '.join(missing)}")
     if printer.pixels != (stack.width, stack.height):

@@ -97,7 +97,8 @@ class GcodeOptions(WriteOptions):
     """How beads are laid.
 
     paths        instead of what the printer's file says
-    width_mm     extrusion width, one or (layers,); the others change one thing of `PathSettings` each
+    width_mm     extrusion width, one or (layers,); the next change one thing of `PathSettings` each
+    start_gcode  the code before the first layer, instead of the printer's; end_gcode: after the last
     """
 
     paths: PathSettings | None = None
@@ -106,6 +107,19 @@ class GcodeOptions(WriteOptions):
     density: float | None = None
     seam: Seam | None = None
     skirt_loops: int | None = None
+    start_gcode: str | None = None
+    end_gcode: str | None = None
+
+    def machine(self) -> Printer | None:
+        """The printer, with the start and end code that were given. Raises InputError for unknown placeholders."""
+        from dataclasses import replace
+
+        from layerfix.printers import check_gcode
+
+        given = {key: code for key in ("start_gcode", "end_gcode") if (code := getattr(self, key)) is not None}
+        for key, code in given.items():
+            check_gcode(f"--{key.replace('_', '-')}", code)
+        return self.printer and replace(self.printer, **given)
 
     def settings(self) -> PathSettings:
         """`paths`, or what the file of `printer` says, with the changes. Raises InputError for impossible ones."""
@@ -143,6 +157,8 @@ class Own(TypedDict, total=False):
     density: float | None
     seam: Seam | None
     skirt_loops: int | None
+    start_gcode: str | None
+    end_gcode: str | None
     slicer: str
     surface: Kind | None
     smooth: bool | None

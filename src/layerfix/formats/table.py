@@ -47,7 +47,7 @@ class Writer:
 
     options  the class of what it takes; `layerfix.formats.options`
     kernels  modules to load beforehand
-    check    refuses, by (path, printer), what cannot be written whatever the value is
+    check    refuses, by (path, printer, options of its own), what cannot be written whatever the value is
     """
 
     function: str | Callable[..., None]
@@ -152,7 +152,7 @@ _MODEL = "layerfix.formats.solid.model"
 _WIDTHS = "layerfix.formats.solid.width_files"
 _JOBS = "layerfix.formats.jobs"
 
-_GCODE = Writer(f"{_VECTOR}.gcode:write", GcodeOptions, _PATHS, f"{_VECTOR}.gcode:check_printer")
+_GCODE = Writer(f"{_VECTOR}.gcode:write", GcodeOptions, _PATHS, f"{_VECTOR}.gcode:check_codes")
 
 FORMATS = (
     Format("folders of PNG images", ("",), is_folder, f"{_IMAGES}:read_folder",

@@ -48,3 +48,9 @@ def parse_json(text: str | bytes) -> Any:
 def abridged(text: str) -> str:
     """A value for a message: its beginning if it is long."""
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}… ({len(text)} characters)"
+
+
+def machine_name(raw: bytes) -> str:
+    """What a job calls its machine, of a field that may hold anything: up to the first NUL, if that is plain text."""
+    text = raw.partition(b"\0")[0].decode("utf-8", "replace").strip()
+    return text if text.isprintable() and len(text) <= 64 else ""

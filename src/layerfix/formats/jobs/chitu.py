@@ -38,6 +38,7 @@ from layerfix.formats.jobs.container import (
 )
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
 from layerfix.formats.png.decode import Decoded
+from layerfix.formats.text_values import machine_name
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,6 +54,7 @@ ENTRY = struct.Struct("<fffII")  # z, exposure, light-off, data offset, data siz
 ENTRY_BYTES, RECORD_BYTES = 36, 84
 MAX_LAYERS = 100_000
 MAX_PLANES = 16
+MAX_NAME = 64  # bytes
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     suffixes = PHOTON_SUFFIXES if header.magic == PHOTON else CTB_SUFFIXES
     container = Container(
         path, suffixes, payload, codec.decode, codec.encode, save, hints.threshold, hints.grey_floor,
-        "x" * header.mirrored,
+        "x" * header.mirrored, machine=_machine(data),
     )  # fmt: skip
 
     left = 2 * len(data)  # bytes to compare: enough if no two layers overlap; a hostile table's all might
@@ -118,6 +120,16 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
 
     same = None if header.key else repeats_of(alike(i) for i in range(1, header.layers))
     return container_stack(container, frame, same)
+
+
+def _machine(data: mmap.mmap) -> str:
+    """The machine's name: the second extension of the header, which is not always there, says where it is."""
+    try:
+        (extension,) = struct.unpack_from("<I", data, 0x68)
+        at, size = struct.unpack_from("<II", data, extension + 0x1C)
+    except struct.error:
+        return ""
+    return machine_name(data[at : at + size]) if extension and size <= MAX_NAME else ""
 
 
 def _header(path: Path, data: mmap.mmap) -> _Header:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from layerfix.errors import InputError
 from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
-from layerfix.formats.text_values import number_above_0
+from layerfix.formats.text_values import machine_name, number_above_0
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -47,7 +47,9 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
         return {GCODE: _with_volume(gcode, values, totals.added_mm3 / 1000)}
 
     mirror = "x" if values.get("mirror") else ""
-    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror)
+    found = re.search(rb"(?m)^;machineType:(.*)$", gcode[: 1 << 16])
+    machine = machine_name(found[1]) if found else ""
+    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror, machine=machine)
 
 
 def _comments(gcode: bytes) -> dict[str, float]:

@@ -58,6 +58,7 @@ class Container:
     encode        rows, or a grey image → payload, like the original one (given for its parameters)
     mirror        axes along which its images are mirrored against the part seen from above; layers are un-mirrored
                   where they become a stack and mirrored again in `rewrite`, and nothing in between knows of panels
+    machine       what the job calls the machine it is for; "" if it does not say
     source        the file as `reopening.Reopened`: what is pickled
     save          write the job with some payloads replaced: (target, payload by layer index, totals)
     """
@@ -72,6 +73,7 @@ class Container:
     grey_floor: int
     mirror: str = ""
     source: Any = None
+    machine: str = ""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _container, (self.source,)

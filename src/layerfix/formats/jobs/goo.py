@@ -33,6 +33,7 @@ from layerfix.formats.jobs.container import (
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
 from layerfix.formats.png.decode import Decoded
+from layerfix.formats.text_values import machine_name
 from layerfix.layers.grey_source import greys_of
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
         _save(target, data, places, spool, totals)
 
     container = Container(path, SUFFIXES, payload, decode, encode, save, hints.threshold, hints.grey_floor,
-                          "x" * mirror_x + "y" * mirror_y)  # fmt: skip
+                          "x" * mirror_x + "y" * mirror_y, machine=machine_name(data[92:124]))  # fmt: skip
     same = repeats_of(payload(i) == payload(i - 1) for i in range(1, count))
     return container_stack(container, frame, same)
 
@@ -226,7 +227,7 @@ def _new_header(stack: LayerStack, printer: Printer, preview: Preview, volume_mm
     thumbnails = b"".join(_rgb565(preview.picture((side, side))) + b"\r\n" for side in (116, 290))
     height = stack.z_mm[-1, 1] - stack.z_mm[-1, 0]
     counts = COUNTS.pack(len(stack), stack.width, stack.height, "x" in printer.mirror, "y" in printer.mirror,
-                         *printer.build_mm, round(float(height), 6))  # fmt: skip
+                         *printer.room_mm, round(float(height), 6))  # fmt: skip
     times = struct.pack(
         ">f?8fI16f2H?I", usual, True, wait, 0.0, 0.0, wait, 0.0, 0.0, wait,
         printer.bottom_exposure_s, printer.bottom_layers or 0,

@@ -23,7 +23,7 @@ from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.png.encode import encode_grey_png, encode_png
-from layerfix.formats.text_values import LARGEST_NUMBER, abridged
+from layerfix.formats.text_values import LARGEST_NUMBER, abridged, machine_name
 from layerfix.layers.grey_source import greys_of
 from layerfix.stack import layer_bounds_mm
 
@@ -71,7 +71,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     def metadata(totals: Totals, spool: Spool) -> dict[str, bytes]:
         return {CONFIG: with_used_material(archive.read(CONFIG), totals.added_mm3 / 1000)}
 
-    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=_mirror(slicer))
+    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=_mirror(slicer),
+                   machine=machine_name(config.get("printerModel", "").encode()))  # fmt: skip
 
 
 def number(path: Path, config: dict[str, str], key: str, file: str = CONFIG) -> float:
@@ -205,13 +206,13 @@ def _slicer(stack: LayerStack, printer: Printer) -> str:
     """prusaslicer.ini: the panel, for programs that look there (UVtools does)."""
     first, other = _heights_mm(stack)
     values = {
-        "display_height": f"{printer.build_mm[1]:g}",
+        "display_height": f"{printer.room_mm[1]:g}",
         "display_mirror_x": int("x" in printer.mirror),
         "display_mirror_y": int("y" in printer.mirror),
         "display_orientation": "landscape",
         "display_pixels_x": stack.width,
         "display_pixels_y": stack.height,
-        "display_width": f"{printer.build_mm[0]:g}",
+        "display_width": f"{printer.room_mm[0]:g}",
         "exposure_time": f"{printer.exposure_s:g}",
         "faded_layers": printer.transition_layers or 0,
         "initial_exposure_time": f"{printer.bottom_exposure_s:g}",

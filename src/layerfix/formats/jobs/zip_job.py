@@ -67,6 +67,7 @@ def zip_job(
     mirror: str = "",
     unpack: Callable[[bytes, str], Decoded] | None = None,
     repack: Callable[[Rows, NDArray[np.uint8] | None], bytes] | None = None,
+    machine: str = "",
 ) -> LayerStack:
     """The stack of a zip of PNG images.
 
@@ -74,6 +75,7 @@ def zip_job(
     metadata  entries to replace when layers have changed
     mirror    axes along which the images are mirrored against the part seen from above
     unpack, repack  for layers that are not plain grey images
+    machine   that the job says it is for
     """
     size = frame.width, frame.height
     limit = 5 * frame.width * frame.height // 2 + (1 << 20)  # 16 bits that do not shrink, and what else there is
@@ -94,7 +96,7 @@ def zip_job(
 
     container = Container(
         archive.path, suffixes, lambda i: archive.read(names[i], limit), decode, encode, save,
-        hints.threshold, hints.grey_floor, mirror,
+        hints.threshold, hints.grey_floor, mirror, machine=machine,
     )  # fmt: skip
     same = repeats_of(archive.same(a, b) for a, b in pairwise(names))
     return container_stack(container, frame, same)

@@ -59,7 +59,7 @@ def write_width_3mf(path: Path, plan: WidthPlan, options: WidthModelOptions) -> 
     if slicer not in SLICERS:
         raise OutputError(f"{path}: slicer '{slicer}' is not known; choose from {', '.join(SLICERS)}")
     low, high = mesh.bounds_mm
-    middle = np.array(plan.printer.build_mm[:2]) / 2 - (low[:2] + high[:2]) / 2
+    middle = np.array(plan.printer.room_mm[:2]) / 2 - (low[:2] + high[:2]) / 2
     place = float(middle[0]), float(middle[1]), float(-low[2])
     ranges = _ranges_xml(widths, PRUSA_KEYS if slicer == "prusa" else ORCA_KEYS)
     settings = {"ensure_vertical_shell_thickness": "1" if slicer == "prusa" else "ensure_all"}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from layerfix.formats.vector.gcode_text import Text, acceleration, fan
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from layerfix.fdm import PathSettings
@@ -78,7 +80,7 @@ def write(path: FilePath, stack: LayerStack, options: GcodeOptions) -> None:
     from layerfix.fdm.moves import Nozzle
     from layerfix.fdm.toolpaths import plan_toolpaths
 
-    printer = options.printer
+    printer = options.machine()
     check_printer(path, printer)
     assert printer is not None
     settings = options.settings()
@@ -131,6 +133,22 @@ def check_printer(path: FilePath, printer: Printer | None) -> None:
         raise OutputError(
             f"{path}: {printer.title} takes only {UNWRITTEN[printer.gcode_flavor]}, which is not written here;"
             " write a mesh (.3mf or .stl) and slice that for it"
+        )
+
+
+def check_codes(path: FilePath, printer: Printer | None, own: Mapping[str, Any]) -> None:
+    """As `check_printer`, and OutputError for a printer without start or end code if none is in `own`, either."""
+    check_printer(path, printer)
+    assert printer is not None
+    if printer.nozzle_mm is None:
+        return  # `settings_for` says so
+    missing = [key for key in ("start_gcode", "end_gcode") if getattr(printer, key) is None and not own.get(key)]
+    if missing:
+        options = " ".join(f"--{key.replace('_', '-')} FILE" for key in missing)
+        codes = " and ".join(key.removesuffix("_gcode") for key in missing)
+        raise OutputError(
+            f"{path}: no {codes} code of {printer.title} is known, without which nothing heats or homes; give"
+            f" {options} (what your slicer's printer settings hold), or write a mesh (.3mf or .stl) for your slicer"
         )
 
 
