@@ -36,7 +36,7 @@ _HOME = {
     "Widths": "layers.widths",
     "WidthPlan": "fdm.width_plan",
     "orient": "orientation.find",
-    "Orientation": "orientation.find",
+    "Orientation": "orientation.outcome",
     "Toolpaths": "fdm.toolpaths",
     "PathSettings": "fdm.settings",
     "read": "formats",
@@ -93,7 +93,8 @@ if TYPE_CHECKING:
     from layerfix.mesh.load import load_mesh
     from layerfix.mesh.slicing import slice_like, slice_mesh
     from layerfix.mesh.triangles import Mesh
-    from layerfix.orientation.find import Orientation, orient
+    from layerfix.orientation.find import orient
+    from layerfix.orientation.outcome import Orientation
     from layerfix.outlines.contours import Contours, trace_contours
     from layerfix.printers import Printer, load_printer
     from layerfix.stack import Layer, LayerStack
