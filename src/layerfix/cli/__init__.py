@@ -29,5 +29,5 @@ def layerfix() -> None:
     """
 
 
-for command in (fix, check, report, orient, watch, show, widths, draw, demo, printers, formats, completion):
+for command in (fix, check, report, orient, show, watch, widths, draw, demo, printers, formats, completion):
     layerfix.add_command(command)

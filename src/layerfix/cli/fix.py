@@ -22,7 +22,6 @@ from layerfix.cli.shared import (
     options_from,
     progress,
     summary_table,
-    with_codes,
 )
 from layerfix.cli.types import Area, Length, Percent, Range
 from layerfix.console import one_line
@@ -208,12 +207,12 @@ def fix(
         raise click.UsageError(f"Got unexpected extra arguments ({extra}). Several inputs go with --out-dir DIR.")
     target = more[0]
     with kernels_ready():
-        from layerfix.commands.fix import fix as run
+        from layerfix.commands.project import fix_file as run
         from layerfix.formats import load_kernels
 
         load_kernels(target)
     with progress(f"correcting {source.name}") as shown:
-        summary = run(source, target, options_from(printer, with_codes(given)), shown)
+        summary = run(source, target, options_from(printer, given), shown)
     click.echo(json.dumps(asdict(summary)) if as_json else summary_table(summary))
 
 

@@ -41,7 +41,7 @@ def options_from(printer: str | None, given: dict[str, Any]) -> Options:
 
     if given.get("bits"):
         given["bits"] = int(given["bits"])
-    return options_of(load_printer(printer) if printer else None, given)
+    return options_of(load_printer(printer) if printer else None, with_codes(given))
 
 
 def with_codes(given: dict[str, Any]) -> dict[str, Any]:
@@ -151,6 +151,6 @@ def _thinnest(s: Summary) -> str:
 
 
 def rows_text(rows: Sequence[tuple[str, str]]) -> str:
-    """Names and values, a line each, the values below each other."""
+    """Names and values in two columns."""
     width = max(10, *(len(name) + 1 for name, _ in rows))
     return "\n".join(f"{name:{width}}{value}" for name, value in rows)

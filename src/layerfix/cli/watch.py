@@ -11,9 +11,19 @@ import click
 import cloup
 
 from layerfix.cli.fix import fix
-from layerfix.cli.shared import kernels_ready, options_from, with_codes
+from layerfix.cli.shared import kernels_ready, options_from
 
-NOT_HERE = ("source", "target", "picture", "as_json", "layers")  # of `fix`: of one file, not of many
+NOT_HERE = (
+    "source",
+    "more",
+    "picture",
+    "report",
+    "as_json",
+    "layers",
+    "out_dir",
+    "out_type",
+    "scheduler",
+)  # of `fix`: of one file, not of many
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -62,7 +72,7 @@ def watch(
     def tell(event: Event) -> None:
         click.echo(json.dumps(event.as_dict()) if as_json else event.line())
 
-    options = options_from(printer, with_codes(given))
+    options = options_from(printer, given)
     failed = Watch(folder, out, options, tell, settle_s, interval_s).run(once=once)
     if failed:
         raise click.exceptions.Exit(1)

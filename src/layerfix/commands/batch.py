@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from layerfix.commands.fix import Summary, fix
+from layerfix.commands.fix import Summary
+from layerfix.commands.project import fix_file as fix
 from layerfix.errors import InputError, LayerfixError, OutputError
 from layerfix.files import check_input, check_target, whole_file, whole_folder
 from layerfix.formats import check_before, find_format
@@ -76,7 +77,7 @@ def _pairs(sources: Sequence[Path], folder: Path, options: Options, suffix: str 
         if target.name in names:
             raise OutputError(f"{source} and {names[target.name]}: both would become {target}; rename one")
         names[target.name] = source
-        check_before(target, options.printer)
+        check_before(target, options.printer, options.output)
         if folder.is_dir():
             check_target(target, force=options.run.force)
         pairs.append((source, target))

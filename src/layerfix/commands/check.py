@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from layerfix.commands.fix import as_asked, opened, usual_mode
+from layerfix.commands.machines import hint_of, job_printers
 from layerfix.commands.options import min_feature_of
 from layerfix.commands.pages import check_page, report_on
 from layerfix.files import check_input
@@ -69,7 +70,7 @@ def check(
         check_page(page, source, None, force=options.run.force)
     stack, turned = opened(source, options)
     stack = stack.with_workers(options.run.workers)
-    min_feature_mm = min_feature_of(options, source, stack)
+    min_feature_mm = min_feature_of(options, lambda: hint_of(source, job_printers(stack)))
     mode = options.correction.mode or usual_mode(options.printer, stack)
     spurs = options.correction.spurs or "metric"
     layers = []

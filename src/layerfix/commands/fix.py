@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from layerfix.commands.machines import told_of_machine, told_of_service
+from layerfix.commands.machines import hint_of, job_printers, project_printers, told_of_machine, told_of_service
 from layerfix.commands.notes import (
     doubts,
     told_of_conflicts,
@@ -95,13 +95,13 @@ def fix(
     Raises InputError and OutputError before any work where it can; then nothing is written.
     """
     started = time.perf_counter()
-    _check_paths(source, target, options)
+    check_paths(source, target, options)
     check_before(target, options.printer, options.output)
     check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
     stack, turned = opened(source, _antialiased(source, target, options), progress)
     check_options(target, options.output, find_writer(target, stack).takes, flag)
-    min_feature_mm = min_feature_of(options, source, stack)
+    min_feature_mm = min_feature_of(options, lambda: hint_of(source, job_printers(stack)))
     surface = _surface(target, stack, options)
     mode = _mode(target, stack, surface, options)
     if options.run.layers is not None:
@@ -123,7 +123,7 @@ def fix(
     run = options.run
     output = dict(options.output) if surface is None else {**options.output, "surface": surface}
     write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, advance=progress, **output)
-    summary = _add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
+    summary = add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
     if run.report:
         from layerfix.commands.pages import report_on
 
@@ -232,9 +232,16 @@ class Part(NamedTuple):
 
 
 def open_part(
-    source: Path, options: Options, progress: Callable[[int, int], None] = lambda done, total: None
+    source: Path,
+    options: Options,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    mesh: Mesh | None = None,
 ) -> Part:
-    """A mesh and its layers, in its best build direction if that is asked for (told of in full poses)."""
+    """A mesh and its layers, in its best build direction if that is asked for (told of in full poses).
+
+    mesh: of the source, where it stands on the plate; it is not turned then
+    """
     refuse_given(options.greys, f"goes with images and jobs; {source} is a mesh")
     printer, frame = options.printer, options.frame
     pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
@@ -242,6 +249,7 @@ def open_part(
     if pixel_mm is None or layer_mm is None:
         raise InputError(
             f"{source}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)"
+            f"{hint_of(source, project_printers(source))}"
         )
     first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
     min_feature_mm = min_feature_of(options)
@@ -251,12 +259,13 @@ def open_part(
         for height in (layer_mm, first_mm or layer_mm):
             paths.check_layer(height)
     slicing = options.slicing
-    mesh = read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0)
+    stands = mesh is not None
+    mesh = mesh or read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0)
     if slicing.orient is not None:
         from layerfix.commands.standing import standing
 
         mesh = standing(mesh, options, progress)
-    turned = _fits_only_turned(mesh, printer)
+    turned = not stands and _fits_only_turned(mesh, printer)
     mesh = mesh.transformed(QUARTER_TURN) if turned else mesh
     _check_size(mesh, printer, min_feature_mm)
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
@@ -293,7 +302,8 @@ def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, 
         picture.save(file, "PNG")
 
 
-def _check_paths(source: Path, target: Path, options: Options) -> None:
+def check_paths(source: Path, target: Path, options: Options) -> None:
+    """Raises InputError and OutputError for inputs that are not there and outputs that cannot be."""
     check_input(source)
     check_apart(target, source)
     check_target(target, force=options.run.force)
@@ -348,7 +358,7 @@ def _check_size(mesh: Mesh, printer: Printer | None, min_feature_mm: float) -> N
         )
 
 
-def _add_up(
+def add_up(
     source: Path,
     target: Path,
     stack: LayerStack,
@@ -358,6 +368,7 @@ def _add_up(
     started: float,
     told: list[str],
 ) -> Summary:
+    """What came of the layers of `stack`, which are `done`. started: by time.perf_counter."""
     changes = [(layer, layer.change) for layer in done if layer.change is not None]
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
     heights_mm = stack.heights_mm().tolist()

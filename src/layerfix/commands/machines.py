@@ -25,6 +25,16 @@ def job_printers(stack: LayerStack) -> list[Entry]:
     return own if len(found) > MOST and own else found
 
 
+def project_printers(source: Path) -> list[Entry]:
+    """The printers that a slicer's project may be for, by its settings."""
+    from layerfix.formats.solid.project_3mf import machine_of
+
+    if source.suffix.lower() != ".3mf":
+        return []
+    names, nozzle_mm = machine_of(source)
+    return find_by_host(names, nozzle_mm=nozzle_mm)
+
+
 def told_of_machine(stack: LayerStack, printer: Printer | None) -> list[str]:
     """A word about the printer that a job is for, if none was given, or if another one was."""
     found = job_printers(stack)

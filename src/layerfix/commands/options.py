@@ -3,7 +3,7 @@ file says"; what is given and nothing takes is refused, by the name that the com
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -130,13 +130,10 @@ def refuse_given(part: Slicing | Greys, why: str) -> None:
         raise InputError(f"{', '.join(map(flag, names))}: {why}")
 
 
-def min_feature_of(options: Options, source: Path | None = None, stack: LayerStack | None = None) -> float:
-    """What was given, or the printer's. Raises InputError if there is neither; a job may say which it is for."""
+def min_feature_of(options: Options, hint: Callable[[], str] = lambda: "") -> float:
+    """What was given, or the printer's. Raises InputError if there is neither; hint: what the file says of it."""
     if options.correction.min_feature_mm is not None:
         return options.correction.min_feature_mm
     if options.printer is None:
-        from layerfix.commands.machines import hint_of, job_printers
-
-        hint = hint_of(source, job_printers(stack)) if source is not None and stack is not None else ""
-        raise InputError(f"no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer{hint}")
+        raise InputError(f"no minimum feature: give --min-feature (such as --min-feature 0.4mm) or --printer{hint()}")
     return options.printer.min_feature_mm

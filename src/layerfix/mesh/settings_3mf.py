@@ -60,7 +60,7 @@ def read_settings(package: Package) -> dict[str, Volumes]:
 
 
 def _enter(volumes: Volumes, part: Element) -> None:
-    kind = _kind(part)
+    kind = kind_of_part(part)
     first, last = part.get("firstid"), part.get("lastid")
     if first is not None and last is not None:
         volumes.ranges.append((int(first), int(last) + 1, kind))
@@ -68,7 +68,8 @@ def _enter(volumes: Volumes, part: Element) -> None:
         volumes.components.setdefault(part.get("id", ""), []).append(kind)
 
 
-def _kind(part: Element) -> str:
+def kind_of_part(part: Element) -> str:
+    """What a `volume` or `part` of such settings is: one of the values of KINDS, or something unknown."""
     said = {item.get("key", ""): item.get("value", "") for item in part.iter("metadata")}
     name = (
         part.get("subtype") or said.get("volume_type") or ("ParameterModifier" if said.get("modifier") == "1" else "")

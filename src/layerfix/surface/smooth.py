@@ -65,7 +65,18 @@ def smooth_surface(
     tolerance_mm: float | None = None,
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> Smooth:
-    """`mesh` with everything thickened that `fixed`, its corrected layers, thickened.
+    """`mesh` with everything thickened that `fixed`, its corrected layers, thickened. As `smooth_bodies`."""
+    return joined(mesh, *smooth_bodies(fixed, mesh, tolerance_mm=tolerance_mm, advance=advance))
+
+
+def smooth_bodies(
+    fixed: LayerStack,
+    mesh: Mesh,
+    *,
+    tolerance_mm: float | None = None,
+    advance: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[list[manifold3d.Manifold], float]:
+    """(bodies of what `fixed`, the corrected layers of `mesh`, thickened; the largest minimum feature in mm).
 
     tolerance_mm  how far the surface of bodies may move for fewer triangles; None: a quarter of their pixels
     advance  told of (layers, in all) of the fine slicing
@@ -98,7 +109,7 @@ def smooth_surface(
             raise AssertionError("the body of a tile is no 2-manifold")
         simpler_mm = SIMPLER_PX * pixel_mm if tolerance_mm is None else tolerance_mm
         bodies.append(simplified(body, simpler_mm) if simpler_mm else body)
-    return _joined(mesh, bodies, 2 * float(radius_px.max()) * pixel_mm)
+    return bodies, 2 * float(radius_px.max()) * pixel_mm
 
 
 def fine_layers(fixed: LayerStack, mesh: Mesh) -> LayerStack:
@@ -143,7 +154,8 @@ def _levelled(z_mm: NDArray[np.float64], mesh: Mesh, fine: LayerStack) -> NDArra
     return np.where(np.abs(z_mm - near) < rounding, near, z_mm)
 
 
-def _joined(mesh: Mesh, bodies: list[manifold3d.Manifold], feature_mm: float) -> Smooth:
+def joined(mesh: Mesh, bodies: list[manifold3d.Manifold], feature_mm: float) -> Smooth:
+    """The mesh and the bodies as one surface; bodies of a mesh that is not closed are shells of their own."""
     ident = new_ident()
     whole = whole_solid(mesh, ident)
     if not bodies:
