@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from layerfix.mesh.slicing import Fill, ZSampling
     from layerfix.orientation.find import Method
     from layerfix.printers import Printer
-    from layerfix.stack import LayerStack
 
 
 @dataclass(frozen=True)
