@@ -35,7 +35,16 @@ from layerfix.errors import InputError
     cloup.option("--mode", type=cloup.Choice(["as_printed", "add_only"]), help="How it would be corrected."),
 )
 @cloup.option_group("Pixels and layers (of a mesh, or of images that do not say)", *FRAME)
-@cloup.option_group("A mesh as IN", *MESH)
+@cloup.option_group(
+    "A mesh as IN",
+    *MESH,
+    cloup.option(
+        "--axes",
+        default="z",
+        metavar="AXES",
+        help="xyz: along x and y, too, where layers cannot see. [default: z]",
+    ),
+)
 @cloup.option_group(
     "Running",
     cloup.option("--markdown", is_flag=True, help="Print a table for a pull request."),
@@ -44,7 +53,7 @@ from layerfix.errors import InputError
     WORKERS,
     JSON,
 )
-def check(source: Path, printer: str | None, as_json: bool, markdown: bool, **given: Any) -> None:
+def check(source: Path, printer: str | None, as_json: bool, markdown: bool, axes: str, **given: Any) -> None:
     """Say what the printer would lose of IN, and where; nothing is written.
 
     IN is a mesh, a resin job or PNG images, as in `layerfix fix`. Ends with 1 if something would be lost, with 0 if
@@ -60,7 +69,7 @@ def check(source: Path, printer: str | None, as_json: bool, markdown: bool, **gi
     with kernels_ready():
         from layerfix.commands import check as commands
     with progress(f"checking {source.name}") as shown:
-        verdict = commands.check(source, options_from(printer, given), shown)
+        verdict = commands.check(source, options_from(printer, given), shown, axes=axes)
     if as_json:
         click.echo(json.dumps(asdict(verdict)))
     else:
