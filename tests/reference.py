@@ -14,7 +14,16 @@ GROUPS = {
     "Meshes and layers": ("load_mesh", "Mesh", "slice_mesh", "slice_like", "LayerStack", "Layer", "read", "write"),
     "Correction": ("correct", "correct_image", "meso_skeleton", "Conflict", "compare_topology", "TopologyChange"),
     "Outlines and toolpaths": (
-        *("trace_contours", "Contours", "settings_for", "PathSettings", "plan_toolpaths", "Toolpaths"),
+        *(
+            "trace_contours",
+            "Contours",
+            "correct_regions",
+            "CorrectedRegions",
+            "settings_for",
+            "PathSettings",
+            "plan_toolpaths",
+            "Toolpaths",
+        ),
         *("suggest_widths", "Widths", "banded", "WidthPlan"),
     ),
     "Printers": ("load_printer", "Printer"),

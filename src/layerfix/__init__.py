@@ -28,6 +28,8 @@ _HOME = {
     "TopologyChange": "layers.topology",
     "Contours": "outlines.contours",
     "trace_contours": "outlines.contours",
+    "correct_regions": "outlines.regions",
+    "CorrectedRegions": "outlines.regions",
     "plan_toolpaths": "fdm.toolpaths",
     "settings_for": "fdm.settings",
     "suggest_widths": "layers.widths",
@@ -42,6 +44,7 @@ _HOME = {
 __all__ = [
     "Conflict",
     "Contours",
+    "CorrectedRegions",
     "Layer",
     "LayerStack",
     "LayerfixError",
@@ -56,6 +59,7 @@ __all__ = [
     "compare_topology",
     "correct",
     "correct_image",
+    "correct_regions",
     "load_mesh",
     "load_printer",
     "meso_skeleton",
@@ -88,6 +92,7 @@ if TYPE_CHECKING:
     from layerfix.mesh.slicing import slice_like, slice_mesh
     from layerfix.mesh.triangles import Mesh
     from layerfix.outlines.contours import Contours, trace_contours
+    from layerfix.outlines.regions import CorrectedRegions, correct_regions
     from layerfix.printers import Printer, load_printer
     from layerfix.stack import Layer, LayerStack
 

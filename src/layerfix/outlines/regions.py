@@ -6,7 +6,9 @@ outlines are united with (or cut to) the corrected ones. Everything else stays a
 were not touched are the same arrays, and regions that were not touched the same lists.
 
 Only windows around places that are narrow (`layerfix.outlines.narrow`) are ever drawn as pixels. Their correction is
-that of the whole layer: what F draws, and how far thinning reaches, ends within some widths of F.
+that of the whole layer: what F draws, and how far thinning reaches, ends within some widths of F. (Save for one
+thing, to the better: parts closer together than two pixels hang together as pixels, and such a neck, which is none,
+is not thickened.)
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from layerfix.units import format_mm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-    from shapely import MultiPolygon, Polygon
+    from shapely import Geometry, MultiPolygon
 
     from layerfix.bits import Image, Rows
 
@@ -130,7 +132,7 @@ def _check(regions: Sequence[Region], min_feature_mm: float, pixel_mm: float, un
 
 
 def _segments(region: Region, scale: float) -> Floats:
-    """All edges, as `layerfix.mesh.fill` takes them, in px from the origin; y runs down, centres are whole numbers."""
+    """All edges as `layerfix.mesh.fill` takes them: in px from the origin, y down, centres at whole numbers."""
     rings = [ring for polygon in region for ring in polygon]
     if not rings:
         return np.empty((0, 4))
@@ -139,7 +141,8 @@ def _segments(region: Region, scale: float) -> Floats:
     following = np.arange(1, len(points) + 1)
     following[stops - 1] = np.concatenate([[0], stops[:-1]])
     segments = np.concatenate([points, points[following]], axis=1)
-    return segments[(points != points[following]).any(axis=1)]
+    edges: Floats = segments[(points != points[following]).any(axis=1)]
+    return edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +159,7 @@ class _Patch:
 def _drawn(segments: Floats, window: Window) -> tuple[Rows, NDArray[np.int64]]:
     """(packed rows of a window; the middles of small pieces in it)."""
     low, high = np.minimum(segments[:, 1], segments[:, 3]), np.maximum(segments[:, 1], segments[:, 3])
-    beside = np.minimum(segments[:, 0], segments[:, 2]) < window.left + window.width
-    near = segments[(high >= window.top - 1) & (low < window.top + window.height) & beside]
+    near = segments[(high >= window.top - 1) & (low < window.top + window.height)]  # to the right: spans end there
     near = np.ascontiguousarray(near - (window.left, window.top, window.left, window.top))
     rows = np.zeros((window.height, words_for(window.width)), np.uint64)
     fill(near, window.width, NONZERO, True, rows)
@@ -220,30 +222,39 @@ def _applied(
     for patch in patches:
         solid = _polygons(patch.after, patch, scale, 0.5)
         if patch.cut.any():
-            cut.append(shapely.difference(_polygons(patch.cut, patch, scale, 0.0), solid, grid_size=grid))
+            cut.append(_areas(shapely.difference(_polygons(patch.cut, patch, scale, 0.0), solid, grid_size=grid)))
         for cells, share in zip(_cells_of(patch, segments), grown, strict=True):
             if cells.any():
-                share.append(shapely.intersection(_polygons(cells, patch, scale, 0.0), solid, grid_size=grid))
+                pixels = _polygons(cells, patch, scale, 0.0)
+                share.append(_areas(shapely.intersection(pixels, solid, grid_size=grid)))
     touched = [_touched(region, [*share, *cut]) for region, share in zip(regions, grown, strict=True)]
-    bodies = [shapely.union_all([*found.values()], grid_size=grid) for found in touched]
+    bodies = [_areas(shapely.union_all([*found.values()], grid_size=grid)) for found in touched]
     out: list[Region] = []
     added = removed = 0.0
-    for k, (region, share, found) in enumerate(zip(regions, grown, touched, strict=True)):
-        others = [body for j, body in enumerate(bodies) if j != k and not body.is_empty]
-        body = bodies[k]
-        left = shapely.difference(body, shapely.union_all(cut), grid_size=grid) if cut else body
-        more = shapely.union_all(share, grid_size=grid) if share else shapely.Polygon()
-        for other in others:
-            more = shapely.difference(more, other, grid_size=grid)
-        fixed = shapely.union(left, _without_crumbs(more, left, scale), grid_size=grid)
-        removed += max(0.0, body.area - left.area)
-        added += max(0.0, fixed.area - left.area)
+    for k, (region, share, body) in enumerate(zip(regions, grown, bodies, strict=True)):
+        left = _areas(shapely.difference(body, shapely.union_all(cut), grid_size=grid)) if cut else body
+        more = _areas(shapely.union_all(share, grid_size=grid))
+        for other in (*bodies[:k], *bodies[k + 1 :]):
+            more = _areas(shapely.difference(more, other, grid_size=grid))
+        fixed = _areas(shapely.union(left, _without_crumbs(more, left, scale), grid_size=grid))
         if shapely.equals(fixed, body):
             out.append(region)
             continue
-        kept = [polygon for i, polygon in enumerate(region) if i not in found]
+        removed += max(0.0, body.area - left.area)
+        added += max(0.0, fixed.area - left.area)
+        kept = [polygon for i, polygon in enumerate(region) if i not in touched[k]]
         out.append([*kept, *_rings(fixed, whole)])
     return CorrectedRegions(out, added * unit_mm**2, removed * unit_mm**2)
+
+
+def _areas(shape: Geometry) -> MultiPolygon:
+    """Only the polygons of what an overlay gave: where outlines touch, there may be lines and points among them."""
+    import shapely
+
+    parts = shapely.get_parts(shape)
+    if len(parts) and (shapely.get_type_id(parts) > shapely.GeometryType.POLYGON).any():  # collections in collections
+        parts = shapely.get_parts(shapely.union_all(parts))
+    return shapely.multipolygons(parts[(shapely.get_type_id(parts) == shapely.GeometryType.POLYGON)])
 
 
 def _cells_of(patch: _Patch, segments: list[Floats]) -> list[Image]:
@@ -269,12 +280,12 @@ def _cells_of(patch: _Patch, segments: list[Floats]) -> list[Image]:
     return [patch.grown & (of_label[nearest] == k) for k in range(len(segments))]
 
 
-def _touched(region: Region, changes: list[MultiPolygon]) -> dict[int, Polygon]:
+def _touched(region: Region, changes: list[MultiPolygon]) -> dict[int, Geometry]:
     """By number, the polygons of a region that meet one of the changes."""
     import shapely
 
     changes = [change for change in changes if not change.is_empty]
-    found: dict[int, Polygon] = {}
+    found: dict[int, Geometry] = {}
     if not changes:
         return found
     bounds = shapely.bounds(changes)
@@ -297,7 +308,7 @@ def _without_crumbs(more: MultiPolygon, body: MultiPolygon, scale: float) -> Mul
     import shapely
 
     parts = shapely.get_parts(more)
-    return shapely.union_all(parts[(shapely.area(parts) > scale**-2) | shapely.intersects(parts, body)])
+    return shapely.multipolygons(parts[(shapely.area(parts) > scale**-2) | shapely.intersects(parts, body)])
 
 
 def _rings(shapes: MultiPolygon, whole: bool) -> list[Outline]:
@@ -306,8 +317,6 @@ def _rings(shapes: MultiPolygon, whole: bool) -> list[Outline]:
 
     out: list[Outline] = []
     for shape in shapely.get_parts(shapely.orient_polygons(shapes)):
-        if shape.geom_type != "Polygon" or shape.is_empty:
-            continue
         rings = [shapely.get_coordinates(ring)[:-1] for ring in (shape.exterior, *shape.interiors)]
         out.append([np.rint(ring).astype(np.int64) for ring in rings] if whole else rings)
     return out
