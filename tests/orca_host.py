@@ -2,8 +2,8 @@
 
 It keeps the rules that a plugin can break: coordinates are int64 in units of `unscale(1)` mm, options are strings,
 arguments of another type are a TypeError, arrays of another kind a ValueError, rings are turned the right way round,
-references die when their collection is replaced (there: undefined; here: StaleReferenceError), capabilities register only
-while the plugin is loaded, and within a call of a capability no file is opened, no process started, no socket made.
+references die when their collection is replaced (there: undefined; here: StaleReferenceError), capabilities register
+only while the plugin is loaded, and within a call of a capability no file is opened and no process or socket made.
 """
 
 from __future__ import annotations

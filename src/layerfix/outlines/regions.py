@@ -85,8 +85,9 @@ def correct_regions(
     unit_mm         size of the coordinates' unit: 1e-6 for slicers that count in nanometres
     mode            "add_only": nothing is taken away; "as_printed": corners are rounded as the tool rounds them, too
     keep_gaps_mm    what is to stay free between parts, and in holes
-    returns         a `CorrectedRegions`. Farther than a pixel from what changed, outlines are what they were, bit for
-                    bit; integers stay integers
+    returns         a `CorrectedRegions`. Farther than a pixel from what changed, corners are what they were, bit for
+                    bit, and no others come (an edge that meets what changed gets a corner there); integers stay
+                    integers
     raises          InputError for a feature, a pixel, a unit or a gap that cannot be, for rings that are no (n, 2)
                     arrays of at least three points, and for layers too large for the pixel
     """
@@ -204,9 +205,11 @@ def _patch(window: Window, before: Image, change: Image) -> _Patch:
 
 def _polygons(image: Image, patch: _Patch, scale: float, tolerance_px: float) -> MultiPolygon:
     """The outlines of an image of a patch in the host's units."""
+    import shapely
+
     layer = Layer(pack(image), image.shape[1], (0.0, 1.0))
-    unit = 1 / scale
-    return outline(layer, (unit, unit), (patch.left * unit, -patch.top * unit), tolerance_px * unit)
+    in_px = outline(layer, (1.0, 1.0), (patch.left, -patch.top), tolerance_px)
+    return shapely.transform(in_px, lambda points: points / scale)
 
 
 def _applied(
