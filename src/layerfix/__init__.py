@@ -29,6 +29,8 @@ _HOME = {
     "Contours": "outlines.contours",
     "trace_contours": "outlines.contours",
     "surface_mesh": "surface.kinds",
+    "correct_regions": "outlines.regions",
+    "CorrectedRegions": "outlines.regions",
     "plan_toolpaths": "fdm.toolpaths",
     "settings_for": "fdm.settings",
     "suggest_widths": "layers.widths",
@@ -45,6 +47,7 @@ _HOME = {
 __all__ = [
     "Conflict",
     "Contours",
+    "CorrectedRegions",
     "Layer",
     "LayerStack",
     "LayerfixError",
@@ -60,6 +63,7 @@ __all__ = [
     "compare_topology",
     "correct",
     "correct_image",
+    "correct_regions",
     "load_mesh",
     "load_printer",
     "meso_skeleton",
@@ -96,6 +100,7 @@ if TYPE_CHECKING:
     from layerfix.orientation.find import orient
     from layerfix.orientation.outcome import Orientation
     from layerfix.outlines.contours import Contours, trace_contours
+    from layerfix.outlines.regions import CorrectedRegions, correct_regions
     from layerfix.printers import Printer, load_printer
     from layerfix.stack import Layer, LayerStack
     from layerfix.surface.kinds import surface_mesh

@@ -82,7 +82,9 @@ def check(
     if as_json and markdown:
         raise InputError("--json and --markdown: one of the two")
     if gcode is not None:
-        _check_gcode(source, gcode, printer, as_json, strict, {**given, "markdown": markdown})
+        _check_gcode(
+            source, gcode, printer, as_json, strict, {**given, "markdown": markdown, "axes": axes.strip("z")}
+        )
         return
     if strict:
         raise InputError("--strict goes with --gcode; without it, `check` ends with 1 if something would be lost")
@@ -102,7 +104,7 @@ def _check_gcode(
     source: Path, gcode: Path, printer: str | None, as_json: bool, strict: bool, given: dict[str, Any]
 ) -> None:
     """Say what a G-code leaves out; ends with 1 only if that is asked for."""
-    for name in ("markdown", "report", "min_feature_mm", "mode", "layer_mm", "first_layer_mm"):
+    for name in ("markdown", "axes", "report", "min_feature_mm", "mode", "layer_mm", "first_layer_mm"):
         if given.pop(name, None):
             raise InputError(f"--{name.removesuffix('_mm').replace('_', '-')} does not go with --gcode")
     with kernels_ready():
