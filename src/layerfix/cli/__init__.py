@@ -8,6 +8,7 @@ from layerfix import __version__
 from layerfix.cli.check import check
 from layerfix.cli.fix import fix
 from layerfix.cli.lists import completion, formats, printers
+from layerfix.cli.mcp import mcp
 from layerfix.cli.orient import orient
 from layerfix.cli.pictures import demo, draw
 from layerfix.cli.report import report, show
@@ -29,5 +30,5 @@ def layerfix() -> None:
     """
 
 
-for command in (fix, check, report, orient, show, watch, widths, draw, demo, printers, formats, completion):
+for command in (fix, check, report, orient, show, watch, widths, draw, demo, printers, formats, mcp, completion):
     layerfix.add_command(command)
