@@ -158,6 +158,19 @@ def test_where_nothing_is_narrow_nothing_is_drawn(shape):
     assert not done.changed
 
 
+@pytest.mark.parametrize("angle", [0, 20, 45])
+def test_a_neck_between_two_notches_is_found(angle):
+    """No two edges face each other there, only the notches' tips do; what is drawn is what the whole layer draws."""
+    notches = [shapely.Polygon([(4, 9), (5, 4.2), (6, 9)]), shapely.Polygon([(4, 0), (6, 0), (5, 3.8)])]
+    part = shapely.affinity.rotate(shapely.box(0, 0, 10, 9).difference(shapely.union_all(notches)), angle)
+    segments = _segments(rings(part), UNIT_MM / PIXEL_MM)
+    seen, _ = changed_pixels(segments, narrow.narrow_places(segments, 18.0), 0.8)
+    whole, _ = changed_pixels(segments, None, 0.8)
+    assert whole.any()
+    assert np.array_equal(seen, whole)
+    assert corrected(part)[1].changed
+
+
 def brute_force(segments, reach):
     """`narrow_places`, pair by pair."""
     pieces = narrow._pieces(segments, reach)

@@ -231,7 +231,7 @@ def _applied(
                 pixels = _polygons(cells, patch, scale, 0.0)
                 share.append(_areas(shapely.intersection(pixels, solid, grid_size=grid)))
     touched = [_touched(region, [*share, *cut]) for region, share in zip(regions, grown, strict=True)]
-    bodies = [_areas(shapely.union_all([*found.values()], grid_size=grid)) for found in touched]
+    bodies = [_body([*found.values()], grid) for found in touched]
     out: list[Region] = []
     added = removed = 0.0
     for k, (region, share, body) in enumerate(zip(regions, grown, bodies, strict=True)):
@@ -239,15 +239,23 @@ def _applied(
         more = _areas(shapely.union_all(share, grid_size=grid))
         for other in (*bodies[:k], *bodies[k + 1 :]):
             more = _areas(shapely.difference(more, other, grid_size=grid))
-        fixed = _areas(shapely.union(left, _without_crumbs(more, left, scale), grid_size=grid))
-        if shapely.equals(fixed, body):
+        if not cut and shapely.difference(more, body, grid_size=grid).area == 0:
             out.append(region)
             continue
+        fixed = _areas(shapely.union(left, _without_crumbs(more, left, scale), grid_size=grid))
         removed += max(0.0, body.area - left.area)
         added += max(0.0, fixed.area - left.area)
         kept = [polygon for i, polygon in enumerate(region) if i not in touched[k]]
         out.append([*kept, *_rings(fixed, whole)])
     return CorrectedRegions(out, added * unit_mm**2, removed * unit_mm**2)
+
+
+def _body(polygons: list[Geometry], grid: float) -> MultiPolygon:
+    """Polygons of a region as one. They do not overlap; where they do not touch either, uniting (4 ms) is spared."""
+    import shapely
+
+    one = _areas(shapely.geometrycollections(polygons))
+    return one if one.is_valid else _areas(shapely.union_all(polygons, grid_size=grid))
 
 
 def _areas(shape: Geometry) -> MultiPolygon:
@@ -257,7 +265,8 @@ def _areas(shape: Geometry) -> MultiPolygon:
     parts = shapely.get_parts(shape)
     if len(parts) and (shapely.get_type_id(parts) > shapely.GeometryType.POLYGON).any():  # collections in collections
         parts = shapely.get_parts(shapely.union_all(parts))
-    return shapely.multipolygons(parts[(shapely.get_type_id(parts) == shapely.GeometryType.POLYGON)])
+    solid = (shapely.get_type_id(parts) == shapely.GeometryType.POLYGON) & ~shapely.is_empty(parts)
+    return shapely.multipolygons(parts[solid])
 
 
 def _cells_of(patch: _Patch, segments: list[Floats]) -> list[Image]:

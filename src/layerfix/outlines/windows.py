@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
 
-CELL = 8  # px: windows are made of such squares
-# In widths of F and pixels. A path's pixel lies between the two sides, F around it within F; paths go on for a little
-# from there to where it is wide. Thinning reaches half of F from an edge, retreat and cones 2.4 times that.
-INNER_WIDTHS, INNER_PX = 2.0, 4.0
+CELL = 16  # px: windows are made of such squares
+# In widths of F and pixels. A path's pixel lies between the two sides, what F draws around it within half of F. (With
+# 0.5 and 0 no pixel was missed on 120 random parts, with 0 on 40.) Thinning reaches half of F from an edge, retreat
+# and cones 2.4 times that.
+INNER_WIDTHS, INNER_PX = 1.0, 4.0
 BORDER_WIDTHS, BORDER_PX = 2.5, 8.0
 WORTH = 0.6  # of the layer: windows that are larger together become one
 
