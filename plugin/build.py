@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import base64
 import hashlib
-import json
 import os
 import tomllib
 import zipfile
@@ -89,36 +88,7 @@ def record(files: Mapping[str, bytes], own_name: str) -> bytes:
     return "\n".join([*lines, f"{own_name},,", ""]).encode()
 
 
-def cura(target: Path) -> None:
-    """A package for Cura's Marketplace dialog and for dropping on its window."""
-    about = project()
-    plugin = json.loads((HERE / "cura" / "Layerfix" / "plugin.json").read_text(encoding="utf-8"))
-    package = {
-        "package_id": "Layerfix",
-        "package_type": "plugin",
-        "display_name": plugin["name"],
-        "description": plugin["description"],
-        "package_version": about["version"],
-        "sdk_version": min(plugin["supported_sdk_versions"]),
-        "sdk_version_semver": min(plugin["supported_sdk_versions"]),
-        "author": {"author_id": "layerfix", "display_name": "layerfix", "email": "", "website": ""},
-        "website": "",
-    }
-    types = (
-        '<?xml version="1.0" encoding="UTF-8"?>\n<Types xmlns="http://schemas.openxmlformats.org/package/2006/'
-        'content-types"><Default Extension="json" ContentType="text/json"/><Default Extension="py"'
-        ' ContentType="text/plain"/></Types>\n'
-    )
-    files = {
-        **sources(HERE / "cura" / "Layerfix", "files/plugins/Layerfix"),
-        "files/plugins/Layerfix/LICENSE": (ROOT / "LICENSE").read_bytes(),
-        "package.json": (json.dumps(package, indent=4) + "\n").encode(),
-        "[Content_Types].xml": types.encode(),
-    }
-    zipped(files, target)
-
-
-PLUGINS: dict[str, Callable[[Path], None]] = {"layerfix_orca.whl": orca, "Layerfix.curapackage": cura}
+PLUGINS: dict[str, Callable[[Path], None]] = {"layerfix_orca.whl": orca}
 
 
 def build(folder: Path) -> list[Path]:
