@@ -15,7 +15,16 @@ GROUPS = {
     "Correction": ("correct", "correct_image", "meso_skeleton", "Conflict", "compare_topology", "TopologyChange"),
     "Surfaces": ("surface_mesh",),
     "Outlines and toolpaths": (
-        *("trace_contours", "Contours", "settings_for", "PathSettings", "plan_toolpaths", "Toolpaths"),
+        *(
+            "trace_contours",
+            "Contours",
+            "correct_regions",
+            "CorrectedRegions",
+            "settings_for",
+            "PathSettings",
+            "plan_toolpaths",
+            "Toolpaths",
+        ),
         *("suggest_widths", "Widths", "banded", "WidthPlan"),
     ),
     "Build direction": ("orient", "Orientation"),

@@ -16,7 +16,7 @@ from layerfix import LayerStack, correct
 from layerfix.commands.check import Verdict
 from layerfix.layers.verdict import LayerVerdict, Place, judge, narrowest_place
 from tests import slow_metric
-from tests.making import box, joined, run_layerfix, save_stl
+from tests.making import box, joined, run_layerfix, save_stl, write_stl
 from tests.pictures_as_text import block, framed, images, round_dot
 
 ALL_AROUND = np.ones((3, 3))
@@ -210,3 +210,23 @@ def test_two_parts_and_what_is_between_them():
     wall, gap = (narrowest_place(stack, 0, min_feature_mm=8, of_void=of_void) for of_void in (False, True))
     assert 85 < wall.box_mm[0] < wall.box_mm[2] < 110
     assert 49 < gap.box_mm[0] < gap.box_mm[2] < 55
+
+
+def test_what_layers_cannot_see(tmp_path):
+    """A plate of 0.3 mm that lies flat is thin along x and y, where it says; a cube is not."""
+    plate = write_stl(tmp_path / "plate.stl", joined(box((0, 0, 0), (6, 5, 2)), box((8, 1, 0.5), (12, 4, 0.8))))
+    frame = ("--pixel", "0.1mm", "--layer", "0.1mm", "--min-feature", "0.8mm")
+    assert run_layerfix("check", plate, *frame).code == 0
+    run = run_layerfix("check", plate, *frame, "--axes", "xyz", "--json")
+    assert run.code == 1
+    across = {one["axis"]: one for one in json.loads(run.out)["across"]}
+    for axis, slices in (("x", 40), ("y", 30)):
+        assert across[axis]["thinnest_mm"] == pytest.approx(0.3, abs=0.05)
+        assert across[axis]["slices"] == pytest.approx(slices, abs=1)
+        (x0, x1), (y0, y1), (z0, z1) = across[axis]["thinnest_at_mm"]
+        assert x0 >= 7.9 and x1 <= 12.1 and y0 >= 0.9 and y1 <= 4.1 and z0 >= 0.4 and z1 <= 0.9  # noqa: PT018
+    text = run_layerfix("check", plate, *frame, "--axes", "xyz").out
+    assert "along x" in text
+    assert "the thinnest 0.3 mm" in text
+    run = run_layerfix("check", plate, *frame, "--axes", "xq")
+    assert (run.code, "axes 'xq': z, and x or y or both" in run.err) == (2, True)

@@ -18,8 +18,8 @@ from layerfix.orientation.aims import AIMS, Shape, aims_for, check_weights
 from layerfix.orientation.anneal import COLD, COOLINGS, HOT, REACH, Annealing, accepted, anneal, temperature
 from layerfix.orientation.candidates import structured
 from layerfix.orientation.directions import AS_GIVEN, Pose, axis_angle, fibonacci, pose_of
-from layerfix.orientation.find import non_dominated
 from layerfix.orientation.objective import Counts, Objective, Printing
+from layerfix.orientation.outcome import non_dominated
 from layerfix.orientation.search import Search, State
 from layerfix.samples import sample
 from tests.making import box, joined, thin_part, turned

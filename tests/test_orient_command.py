@@ -79,7 +79,7 @@ def test_fix_turns_the_part_first(tmp_path, part):
 def test_ctrl_c_writes_the_best_so_far_and_resume_goes_on(tmp_path):
     """Exit code 130, outputs there and whole; resumed, the end is that of a run without a break."""
     write_stl(tmp_path / "part.stl", sample("molecule").mesh())
-    how = ("--pixel", "0.2mm", "--layer", "0.2mm", "--min-feature", "0.8mm", "--log", "log.jsonl")
+    how = ("--pixel", "0.3mm", "--layer", "0.3mm", "--min-feature", "0.9mm", "--log", "log.jsonl")
     run = ("orient", "part.stl", *how, "--method", "quick", "-o", "best.stl", "-o", "best.json")
     process = start_layerfix(*run, cwd=tmp_path)
     deadline = time.monotonic() + 100
@@ -166,17 +166,17 @@ def test_many_files_go_into_one_folder(tmp_path, part):
     """Each under its own name, as by itself; one that cannot be read is told of and stops nobody."""
     write_stl(tmp_path / "other.stl", box([0, 0, 0], [3, 3, 0.8]))
     (tmp_path / "bad.stl").write_bytes(b"not a mesh, just words that go on for a while" * 20)
-    single = run_layerfix("fix", "part.stl", "single.3mf", *HOW, cwd=tmp_path)
+    single = run_layerfix("fix", "part.stl", "single.zip", *HOW, cwd=tmp_path)
     assert single.code == 0, single.err
-    done = run_layerfix("fix", "part.stl", "bad.stl", "other.stl", "--out-dir", "out", "--out-type", "3mf", "--json",
+    done = run_layerfix("fix", "part.stl", "bad.stl", "other.stl", "--out-dir", "out", "--out-type", "zip", "--json",
                         *HOW, cwd=tmp_path)  # fmt: skip
     assert done.code == 2
     assert "bad.stl" in done.err
     found = json.loads(done.out)
-    assert [one["target"] for one in found["done"]] == ["out/part.3mf", "out/other.3mf"]
+    assert [one["target"] for one in found["done"]] == ["out/part.zip", "out/other.zip"]
     assert [one["source"] for one in found["failed"]] == ["bad.stl"]
-    assert contents(tmp_path / "out").keys() == {"part.3mf", "other.3mf"}
-    assert (tmp_path / "out" / "part.3mf").read_bytes() == (tmp_path / "single.3mf").read_bytes()
+    assert contents(tmp_path / "out").keys() == {"part.zip", "other.zip"}
+    assert (tmp_path / "out" / "part.zip").read_bytes() == (tmp_path / "single.zip").read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -199,6 +199,22 @@ def test_a_smooth_surface_keeps_the_laws(corrected):
     assert len(trimesh.Trimesh(found.mesh.vertices, found.mesh.faces).split()) == 2
 
 
+def test_a_sheet_that_no_mid_plane_meets_is_a_layer_high():
+    """So that a slicer that cuts mid-planes finds it."""
+    mesh = joined(
+        box((0, 0, 0), (4, 4, 1)), box((3.5, 0, 0.62), (8, 4, 0.68))
+    )  # layers of 0.2: planes at 0.5 and 0.7
+    stack = lf.slice_mesh(mesh, pixel_mm=PIXEL_MM, layer_mm=LAYER_MM, margin_mm=F_MM)
+    fixed = lf.correct(stack, min_feature_mm=F_MM, mode="add_only")
+    assert fixed[3].sheet_px > 0
+    found = lf.surface_mesh(fixed, kind="smooth")
+    assert_closed(found.faces)
+    now = np.asarray(slice_like(Mesh(found.vertices, found.faces), fixed))
+    wanted = np.asarray(fixed)
+    assert (now[3] ^ wanted[3]).sum() < 0.01 * wanted[3].sum()
+    assert wanted[3].sum() > 1.5 * now[0].sum()
+
+
 def test_nothing_thin_is_the_input_itself():
     """Bit for bit."""
     mesh = box((0, 0, 0), (5, 5, 5))

@@ -29,6 +29,8 @@ _HOME = {
     "Contours": "outlines.contours",
     "trace_contours": "outlines.contours",
     "surface_mesh": "surface.kinds",
+    "correct_regions": "outlines.regions",
+    "CorrectedRegions": "outlines.regions",
     "plan_toolpaths": "fdm.toolpaths",
     "settings_for": "fdm.settings",
     "suggest_widths": "layers.widths",
@@ -36,7 +38,7 @@ _HOME = {
     "Widths": "layers.widths",
     "WidthPlan": "fdm.width_plan",
     "orient": "orientation.find",
-    "Orientation": "orientation.find",
+    "Orientation": "orientation.outcome",
     "Toolpaths": "fdm.toolpaths",
     "PathSettings": "fdm.settings",
     "read": "formats",
@@ -45,6 +47,7 @@ _HOME = {
 __all__ = [
     "Conflict",
     "Contours",
+    "CorrectedRegions",
     "Layer",
     "LayerStack",
     "LayerfixError",
@@ -60,6 +63,7 @@ __all__ = [
     "compare_topology",
     "correct",
     "correct_image",
+    "correct_regions",
     "load_mesh",
     "load_printer",
     "meso_skeleton",
@@ -93,8 +97,10 @@ if TYPE_CHECKING:
     from layerfix.mesh.load import load_mesh
     from layerfix.mesh.slicing import slice_like, slice_mesh
     from layerfix.mesh.triangles import Mesh
-    from layerfix.orientation.find import Orientation, orient
+    from layerfix.orientation.find import orient
+    from layerfix.orientation.outcome import Orientation
     from layerfix.outlines.contours import Contours, trace_contours
+    from layerfix.outlines.regions import CorrectedRegions, correct_regions
     from layerfix.printers import Printer, load_printer
     from layerfix.stack import Layer, LayerStack
     from layerfix.surface.kinds import surface_mesh

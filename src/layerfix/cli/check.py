@@ -35,7 +35,16 @@ from layerfix.errors import InputError
     cloup.option("--mode", type=cloup.Choice(["as_printed", "add_only"]), help="How it would be corrected."),
 )
 @cloup.option_group("Pixels and layers (of a mesh, or of images that do not say)", *FRAME)
-@cloup.option_group("A mesh as IN", *MESH)
+@cloup.option_group(
+    "A mesh as IN",
+    *MESH,
+    cloup.option(
+        "--axes",
+        default="z",
+        metavar="AXES",
+        help="xyz: along x and y, too, where layers cannot see. [default: z]",
+    ),
+)
 @cloup.option_group(
     "G-code made of IN",
     cloup.option("--gcode", type=cloup.Path(path_type=Path), help="Say what this file leaves out of IN, instead."),
@@ -50,7 +59,14 @@ from layerfix.errors import InputError
     JSON,
 )
 def check(
-    source: Path, printer: str | None, as_json: bool, markdown: bool, gcode: Path | None, strict: bool, **given: Any
+    source: Path,
+    printer: str | None,
+    as_json: bool,
+    markdown: bool,
+    axes: str,
+    gcode: Path | None,
+    strict: bool,
+    **given: Any,
 ) -> None:
     """Say what the printer would lose of IN, and where; nothing is written.
 
@@ -66,14 +82,16 @@ def check(
     if as_json and markdown:
         raise InputError("--json and --markdown: one of the two")
     if gcode is not None:
-        _check_gcode(source, gcode, printer, as_json, strict, {**given, "markdown": markdown})
+        _check_gcode(
+            source, gcode, printer, as_json, strict, {**given, "markdown": markdown, "axes": axes.strip("z")}
+        )
         return
     if strict:
         raise InputError("--strict goes with --gcode; without it, `check` ends with 1 if something would be lost")
     with kernels_ready():
         from layerfix.commands import check as commands
     with progress(f"checking {source.name}") as shown:
-        verdict = commands.check(source, options_from(printer, given), shown)
+        verdict = commands.check(source, options_from(printer, given), shown, axes=axes)
     if as_json:
         click.echo(json.dumps(asdict(verdict)))
     else:
@@ -86,7 +104,7 @@ def _check_gcode(
     source: Path, gcode: Path, printer: str | None, as_json: bool, strict: bool, given: dict[str, Any]
 ) -> None:
     """Say what a G-code leaves out; ends with 1 only if that is asked for."""
-    for name in ("markdown", "report", "min_feature_mm", "mode", "layer_mm", "first_layer_mm"):
+    for name in ("markdown", "axes", "report", "min_feature_mm", "mode", "layer_mm", "first_layer_mm"):
         if given.pop(name, None):
             raise InputError(f"--{name.removesuffix('_mm').replace('_', '-')} does not go with --gcode")
     with kernels_ready():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,7 +30,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 def options_of_fix(function: Function) -> Function:
     """Give a command the options of `layerfix fix`, in their groups."""
-    own = [parameter for parameter in fix.params if parameter.name not in NOT_HERE]
+    # Copies, groups and all: a command takes the groups of its options for its own.
+    own = deepcopy([parameter for parameter in fix.params if parameter.name not in NOT_HERE])
     function.__click_params__ = [*getattr(function, "__click_params__", []), *reversed(own)]  # type: ignore[attr-defined]
     return function
 

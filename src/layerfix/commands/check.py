@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from layerfix.commands.axes import AxisVerdict, check_axes, judge_across, line_of
 from layerfix.commands.fix import as_asked, opened, usual_mode
 from layerfix.commands.machines import hint_of, job_printers
 from layerfix.commands.options import min_feature_of
 from layerfix.commands.pages import check_page, report_on
+from layerfix.errors import InputError
 from layerfix.files import check_input
 from layerfix.layers.verdict import judge, narrowest_place
+from layerfix.mesh.slicing import sliced_mesh
 from layerfix.units import counted, format_mm
 
 if TYPE_CHECKING:
@@ -56,14 +59,21 @@ class Verdict:
     sheets_lost: int
     notes: tuple[str, ...]
     by_layer: tuple[LayerVerdict, ...]
+    across: tuple[AxisVerdict, ...] = ()
 
 
 def check(
     source: Path,
     options: Options,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    axes: str = "z",
 ) -> Verdict:
-    """Judge `source` at the minimum feature. Raises InputError as `fix` does; nothing is written but a report."""
+    """Judge `source` at the minimum feature. Raises InputError as `fix` does; nothing is written but a report.
+
+    axes  along which a mesh is sliced: "z", or "xyz" for what layers cannot see
+    """
+    across = check_axes(axes)
     check_input(source)
     page = options.run.report
     if page is not None:
@@ -80,6 +90,13 @@ def check(
     if page is not None:
         after = as_asked(stack, turned, mode, options)
         report_on(source, stack, after, page, options, mode, verdicts=layers, progress=progress)
+    others = []
+    if across:
+        mesh = sliced_mesh(stack)
+        if mesh is None:
+            raise InputError(f"{source}: layers are seen along z alone; --axes goes with meshes")
+        pitch_mm, workers = min(stack.pixel_mm), options.run.workers
+        others = [judge_across(mesh, axis, pitch_mm, min_feature_mm, spurs, workers, progress) for axis in across]
     thin = [one for one in layers if one.thinnest_mm is not None]
     narrow = min(thin, key=lambda one: one.thinnest_mm or 0.0, default=None)
     gaps = [one for one in layers if one.thinnest_gap_mm is not None]
@@ -95,7 +112,8 @@ def check(
     return Verdict(
         schema_version=SCHEMA_VERSION,
         source=str(source),
-        ok=not any(one.features_lost or one.lost or one.sheets_lost for one in layers),
+        ok=not any(one.features_lost or one.lost or one.sheets_lost for one in layers)
+        and not any(one.features_lost for one in others),
         layers=len(layers),
         size_px=(stack.width, stack.height),
         pixel_mm=stack.pixel_mm,
@@ -122,6 +140,7 @@ def check(
         sheets_lost=sum(one.sheets_lost for one in layers),
         notes=tuple(stack.notes),
         by_layer=tuple(layers),
+        across=tuple(others),
     )
 
 
@@ -129,7 +148,7 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
     """The few lines a user wants to see."""
     feature = format_mm(v.min_feature_mm)
     rows = [("layers", f"{v.layers} of {v.size_px[0]} × {v.size_px[1]} px")]
-    if v.ok:
+    if not v.features_lost and not v.parts_lost and not v.sheets_lost:
         rows.append(("verdict", f"nothing is narrower than {feature}: nothing would be lost"))
     else:
         rows.append(
@@ -163,6 +182,7 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
         rows.append(
             ("specks", f"{counted(len(v.specks), 'part')} with nothing below and above, as at {_where(v.specks[0])}")
         )
+    rows += [line_of(one, v.min_feature_mm) for one in v.across]
     return rows + [("note", note) for note in v.notes]
 
 

@@ -22,12 +22,13 @@ from layerfix.files import already_written, check_apart, check_input, check_targ
 from layerfix.formats import find_format, read_mesh, write
 from layerfix.orientation.aims import UNITS
 from layerfix.orientation.find import Options as SearchOptions
-from layerfix.orientation.find import Orientation, find, written
+from layerfix.orientation.find import find
 from layerfix.orientation.objective import Objective
+from layerfix.orientation.outcome import Orientation, candidate_of, chosen_aims, written
 
 if TYPE_CHECKING:
     from layerfix.mesh.triangles import Mesh
-    from layerfix.orientation.find import Candidate
+    from layerfix.orientation.outcome import Candidate
     from layerfix.orientation.search import State
 
 MODELS = (".stl", ".3mf", ".obj")
@@ -199,8 +200,6 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
 
 def front_drawing(found: Orientation, front: Sequence[Candidate], names: Sequence[str]) -> Any:
     """Correction against the first other aim, of all poses counted in full."""
-    from layerfix.orientation.find import candidate_of, chosen_aims
-
     name = chosen_aims(found.aims, names)[0]
     poses = [pose for pose, counts in found.seen.items() if counts.whole and counts.layers]
     shown = [

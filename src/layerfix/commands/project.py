@@ -104,8 +104,9 @@ def _fix_object(
         layers.append(layer.at((bottom, top)))
         progress(index + 1, len(fixed))
     told: list[str] = []
-    if any(layer.change is not None and layer.change.added_px for layer in layers):
-        told = _thicken(project, one, bodies, fixed, whole, progress)
+    sheets = [k for k, layer in enumerate(layers) if layer.sheet_px]
+    if sheets or any(layer.change is not None and layer.change.added_px for layer in layers):
+        told = _thicken(project, one, bodies, fixed, whole, sheets, progress)
     summary = add_up(source, target, fixed, min_feature_of(options), "add_only", layers, started, [])
     done += layers
     notes = list(summary.notes)
@@ -135,13 +136,14 @@ def _whole(bodies: Sequence[_Body], name: str) -> Mesh:
 
 
 def _thicken(
-    project: Project, one: ProjectObject, bodies: list[_Body], fixed: LayerStack, whole: Mesh, progress: Progress
-) -> list[str]:
+    project: Project, one: ProjectObject, bodies: list[_Body], fixed: LayerStack, whole: Mesh, sheets: Sequence[int],
+    progress: Progress,
+) -> list[str]:  # fmt: skip
     """Unite what is added with the parts that it touches most; tells of parts that are not closed."""
     from layerfix.surface.smooth import joined, smooth_bodies
     from layerfix.surface.solids import united
 
-    added, feature_mm = smooth_bodies(fixed, whole, advance=progress)
+    added, feature_mm = smooth_bodies(fixed, whole, sheets=sheets, advance=progress)
     if not added:
         return []
     told = []

@@ -183,9 +183,12 @@ def _smooth(stack: LayerStack, like: Mesh | None, tolerance_mm: float | None, te
 
     if like is None:
         raise InputError("a smooth surface keeps the facets of a mesh, and these layers are of none; use the voxels")
+    sheets = []
     for index, layer in enumerate(stack.each(lambda layer: layer.without_pixels())):
         telling.watch(index, layer)
-    found = smooth_surface(stack, like, tolerance_mm=tolerance_mm, advance=telling.advance)
+        if layer.sheet_px:
+            sheets.append(index)
+    found = smooth_surface(stack, like, tolerance_mm=tolerance_mm, sheets=sheets, advance=telling.advance)
     notes: tuple[str, ...] = ()
     if not found.closed and found.bodies:
         notes = (

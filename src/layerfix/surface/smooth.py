@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from layerfix.errors import InputError
-from layerfix.layers.correction import corrected_like, why_not_elsewhere
+from layerfix.layers.correction import before, corrected_like, why_not_elsewhere
+from layerfix.layers.morphology import dilate
 from layerfix.mesh.slicing import plate_mm, slice_like
 from layerfix.mesh.triangles import Mesh
+from layerfix.stack import layer_maker
 from layerfix.surface.bodies import body_of, drawn_places, tiles
 from layerfix.surface.solids import (
     new_ident,
@@ -26,9 +28,10 @@ from layerfix.surface.solids import (
     whole_solid,
     without_pockets,
 )
+from layerfix.surface.voxels import LOSSLESS_PX, voxel_surface
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import manifold3d
     from numpy.typing import NDArray
@@ -63,10 +66,11 @@ def smooth_surface(
     mesh: Mesh,
     *,
     tolerance_mm: float | None = None,
+    sheets: Sequence[int] = (),
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> Smooth:
     """`mesh` with everything thickened that `fixed`, its corrected layers, thickened. As `smooth_bodies`."""
-    return joined(mesh, *smooth_bodies(fixed, mesh, tolerance_mm=tolerance_mm, advance=advance))
+    return joined(mesh, *smooth_bodies(fixed, mesh, tolerance_mm=tolerance_mm, sheets=sheets, advance=advance))
 
 
 def smooth_bodies(
@@ -74,11 +78,13 @@ def smooth_bodies(
     mesh: Mesh,
     *,
     tolerance_mm: float | None = None,
+    sheets: Sequence[int] = (),
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[list[manifold3d.Manifold], float]:
     """(bodies of what `fixed`, the corrected layers of `mesh`, thickened; the largest minimum feature in mm).
 
     tolerance_mm  how far the surface of bodies may move for fewer triangles; None: a quarter of their pixels
+    sheets   layers with something thinner than a layer (`Layer.sheet_px`): it becomes a layer high, as in `fixed`
     advance  told of (layers, in all) of the fine slicing
     raises  InputError for layers that `correct` did not make or that depend on the pixels (`corrected_like`), for a
             part that is too large for its minimum feature, and a mesh with parts that are cut out of it
@@ -109,7 +115,33 @@ def smooth_bodies(
             raise AssertionError("the body of a tile is no 2-manifold")
         simpler_mm = SIMPLER_PX * pixel_mm if tolerance_mm is None else tolerance_mm
         bodies.append(simplified(body, simpler_mm) if simpler_mm else body)
-    return bodies, 2 * float(radius_px.max()) * pixel_mm
+    feature_mm = 2 * float(radius_px.max()) * pixel_mm
+    return bodies + _sheet_bodies(fixed, mesh, sheets, feature_mm), feature_mm
+
+
+def _sheet_bodies(
+    fixed: LayerStack, mesh: Mesh, sheets: Sequence[int], feature_mm: float
+) -> list[manifold3d.Manifold]:
+    """What no mid-plane meets, and F around it, as high as its layer: the voxels of the corrected layer there."""
+    if not sheets:
+        return []
+    drawn, cut = before(fixed), slice_like(mesh, fixed, hairlines=True, z_sampling="middle")
+    radius_px = feature_mm / 2 / fixed.pixel_mm[0], feature_mm / 2 / fixed.pixel_mm[1]
+    bodies = []
+    for k in sheets:
+        sheet = drawn[k].rows & ~cut[k].rows
+        rows = dilate(sheet, fixed.width, radius_px) & fixed[k].rows
+        if not rows.any():
+            continue
+        z_mm = fixed.z_mm[k : k + 1]
+        one = replace(fixed, z_mm=z_mm, make=layer_maker([rows].__getitem__, fixed.width, z_mm), repeats=None)
+        surface = voxel_surface(one)
+        vertices = surface.vertices_mm()
+        vertices[:, 2] += plate_mm(fixed)
+        body = solid_of(vertices, surface.faces)
+        if body is not None:
+            bodies.append(simplified(body, LOSSLESS_PX * min(fixed.pixel_mm)))
+    return bodies
 
 
 def fine_layers(fixed: LayerStack, mesh: Mesh) -> LayerStack:
