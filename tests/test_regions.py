@@ -171,6 +171,25 @@ def test_edges_through_pixels_centres_are_drawn_alike_in_every_window():
     assert all(np.array_equal(images[0], image) for image in images[1:])
 
 
+def notch(opening: float, turned: float, tip: tuple[float, float]) -> shapely.Polygon:
+    """A wedge of void of so many degrees, its tip pointing down, turned about it."""
+    half = 9 * np.tan(np.radians(opening / 2))
+    wedge = shapely.Polygon([(0, 0), (-half, 9), (half, 9)])
+    return shapely.affinity.translate(shapely.affinity.rotate(wedge, turned, origin=(0, 0)), *tip)
+
+
+@pytest.mark.parametrize(("openings", "turned"), [((60, 25), 60), ((60, 25), -60), ((40, 10), 60), ((25, 90), 40)])
+def test_a_neck_between_two_notches_is_found(openings, turned):
+    """No two edges face each other there, only the notches' tips do."""
+    notches = notch(openings[0], turned, (0, 0.05)), notch(openings[1], 180, (0, -0.05))
+    part = shapely.box(-8, -8, 8, 8).difference(shapely.union_all(notches))
+    segments = _segments(rings(part), UNIT_MM / PIXEL_MM)
+    seen, _ = changed_pixels(segments, narrow.narrow_places(segments, 18.0), 0.8)
+    whole, _ = changed_pixels(segments, None, 0.8)
+    assert whole.any()
+    assert np.array_equal(seen, whole)
+
+
 def brute_force(segments, reach):
     """`narrow_places`, pair by pair."""
     pieces = narrow._pieces(segments, reach)
