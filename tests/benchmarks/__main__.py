@@ -2,7 +2,7 @@
 
 import argparse
 
-from tests.benchmarks import codecs, fdm, growth, kernel, resin_12k, startup, table1
+from tests.benchmarks import codecs, fdm, growth, kernel, orca, resin_12k, startup, table1
 from tests.benchmarks.measuring import machine
 
 BENCHMARKS = {
@@ -13,6 +13,7 @@ BENCHMARKS = {
     "growth": growth.run,
     "fdm": fdm.run,
     "startup": startup.run,
+    "orca": orca.run,
 }
 
 parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
