@@ -9,8 +9,8 @@ import shapely
 import layerfix as lf
 from layerfix.layers.feature import feature_of_mm
 from layerfix.outlines import narrow
-from layerfix.outlines.regions import _segments, change_in
-from layerfix.outlines.windows import windows_of
+from layerfix.outlines.regions import _drawn, _segments, change_in
+from layerfix.outlines.windows import Window, windows_of
 from tests.outlines_drawn import UNIT_MM, random_part, rings, shape_of
 
 PIXEL_MM = 0.05
@@ -158,17 +158,36 @@ def test_where_nothing_is_narrow_nothing_is_drawn(shape):
     assert not done.changed
 
 
-@pytest.mark.parametrize("angle", [0, 20, 45])
-def test_a_neck_between_two_notches_is_found(angle):
-    """No two edges face each other there, only the notches' tips do; what is drawn is what the whole layer draws."""
-    notches = [shapely.Polygon([(4, 9), (5, 4.2), (6, 9)]), shapely.Polygon([(4, 0), (6, 0), (5, 3.8)])]
-    part = shapely.affinity.rotate(shapely.box(0, 0, 10, 9).difference(shapely.union_all(notches)), angle)
+def test_edges_through_pixels_centres_are_drawn_alike_in_every_window():
+    """Two squares on their corners, joined by a dot as wide as F: whether it holds depends on single pixels."""
+    square = shapely.affinity.rotate(shapely.box(0, 0, 5, 5), 45, origin=(0, 0))
+    below = shapely.affinity.scale(square, 1, -1, origin=(0, 0))
+    part = shapely.union_all([square, below, shapely.Point(0, 0).buffer(0.2)])
+    segments = _segments(rings(part), UNIT_MM / PIXEL_MM)
+    images = []
+    for left in range(-100, -40, 3):
+        rows, _ = _drawn(segments, Window(left, -60, -2 * left, 120, None))
+        images.append(lf.unpack(rows, -2 * left)[:, -left - 30 : -left + 30])
+    assert all(np.array_equal(images[0], image) for image in images[1:])
+
+
+def notch(opening: float, turned: float, tip: tuple[float, float]) -> shapely.Polygon:
+    """A wedge of void of so many degrees, its tip pointing down, turned about it."""
+    half = 9 * np.tan(np.radians(opening / 2))
+    wedge = shapely.Polygon([(0, 0), (-half, 9), (half, 9)])
+    return shapely.affinity.translate(shapely.affinity.rotate(wedge, turned, origin=(0, 0)), *tip)
+
+
+@pytest.mark.parametrize(("openings", "turned"), [((60, 25), 60), ((60, 25), -60), ((40, 10), 60), ((25, 90), 40)])
+def test_a_neck_between_two_notches_is_found(openings, turned):
+    """No two edges face each other there, only the notches' tips do."""
+    notches = notch(openings[0], turned, (0, 0.05)), notch(openings[1], 180, (0, -0.05))
+    part = shapely.box(-8, -8, 8, 8).difference(shapely.union_all(notches))
     segments = _segments(rings(part), UNIT_MM / PIXEL_MM)
     seen, _ = changed_pixels(segments, narrow.narrow_places(segments, 18.0), 0.8)
     whole, _ = changed_pixels(segments, None, 0.8)
     assert whole.any()
     assert np.array_equal(seen, whole)
-    assert corrected(part)[1].changed
 
 
 def brute_force(segments, reach):

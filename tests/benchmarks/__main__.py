@@ -2,7 +2,7 @@
 
 import argparse
 
-from tests.benchmarks import codecs, fdm, growth, kernel, orient, resin_12k, startup, surface, table1
+from tests.benchmarks import codecs, fdm, growth, kernel, orca, orient, resin_12k, startup, surface, table1
 from tests.benchmarks.measuring import machine
 
 BENCHMARKS = {
@@ -14,6 +14,7 @@ BENCHMARKS = {
     "fdm": fdm.run,
     "orient": orient.run,
     "startup": startup.run,
+    "orca": orca.run,
     "surface": surface.run,
 }
 
