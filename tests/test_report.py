@@ -25,6 +25,7 @@ from PIL import Image
 import layerfix as lf
 from layerfix.bits import pack
 from layerfix.errors import InputError
+from layerfix.layers.verdict import judge
 from layerfix.report import collect as collecting
 from layerfix.report.bodies import body
 from layerfix.report.collect import About, collect
@@ -163,6 +164,31 @@ def test_what_is_too_much_is_sampled_and_said(stacks, monkeypatch):
     assert "pixels to one" in notes
     monkeypatch.setattr(collecting, "MOST_SPANS", 500)
     assert len(collect(before, after, About("part")).meta["layers"]["shown"]) < 4
+
+
+def test_places_that_are_too_many_are_counted(stacks, monkeypatch):
+    """Each kind has its share of the table."""
+    monkeypatch.setattr(collecting, "MOST_OF_A_KIND", 2)
+    before, after = stacks
+    verdicts = tuple(judge(before, min_feature_mm=0.8))
+    meta = collect(before, after, About("part", feature_mm=0.8, verdicts=verdicts)).meta
+    kinds = [place["kind"] for place in meta["places"]]
+    assert max(map(kinds.count, kinds)) == 2
+    assert meta["more_places"]["lost"] == sum(len(one.lost) for one in verdicts) - 2
+
+
+def test_layers_of_another_file_are_compared():
+    """What merged between two files is found, though nothing says how; and what was not looked for is said."""
+    apart = np.zeros((2, 12, 30), bool)
+    apart[:, 3:9, 3:12] = apart[:, 3:9, 14:25] = True
+    together = apart.copy()
+    together[1, 5:7] |= np.arange(30) % 29 > 4
+    before, after = (lf.LayerStack.from_images(one, pixel_mm=0.1, layer_mm=0.1) for one in (apart, together))
+    meta = collect(before, after, About("two")).meta
+    assert [(place["kind"], place["layer"]) for place in meta["places"]] == [("merged", 1)]
+    same = collect(before, before, About("two")).meta
+    assert same["places"] == []
+    assert "was not looked for" in same["looked_for"]
 
 
 def test_nothing_solid_is_refused():

@@ -171,7 +171,7 @@ def compare_topology(
         found = [
             change
             for one, other in zip(before, after, strict=True)
-            for change in _of_layers(one.rows, other.rows, before.pixel_mm, before.origin_mm, one.z_mm)
+            for change in changes_of_rows(one.rows, other.rows, before.pixel_mm, before.origin_mm, one.z_mm)
         ]
         return sorted(found, key=lambda change: -change.area_mm2)
     if isinstance(before, LayerStack) or isinstance(after, LayerStack):
@@ -179,10 +179,10 @@ def compare_topology(
     rows = [layer.rows if isinstance(layer, Layer) else pack(layer) for layer in (before, after)]
     if rows[0].shape != rows[1].shape:
         raise InputError(f"layers of {rows[0].shape} and {rows[1].shape} packed rows: they have to match")
-    return list(_of_layers(rows[0], rows[1], (1.0, 1.0), (0.0, 0.0)))
+    return list(changes_of_rows(rows[0], rows[1], (1.0, 1.0), (0.0, 0.0)))
 
 
-def _of_layers(
+def changes_of_rows(
     before: Rows,
     after: Rows,
     pixel_mm: tuple[float, float],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from layerfix import __version__
 from layerfix.errors import InputError
+from layerfix.layers.topology import changes_of_rows
 from layerfix.layers.verdict import narrowest_place
 from layerfix.mesh.slicing import plate_mm, sliced_mesh
 from layerfix.report.bodies import MOST_TRIANGLES, body, reduced_body
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
+    from layerfix.layers.topology import TopologyChange
     from layerfix.layers.verdict import LayerVerdict
     from layerfix.report.spans import Spans
     from layerfix.stack import Change, Layer, LayerStack
@@ -34,7 +37,7 @@ MOST_PX = 4_000_000  # of a shown layer: a screen has two million
 MOST_SPANS = 30_000_000  # kept in memory, 12 bytes each; beyond it fewer layers are shown
 AIR_PX = 12
 WORST = 12  # layers whose narrowest place is looked up
-MOST_PLACES = 200
+MOST_OF_A_KIND = 40  # places of a kind in the table; how many more there are is said
 Progress = Callable[[int, int], None]
 
 
@@ -82,6 +85,7 @@ class _Seen:
     removed_px: list[int] = field(default_factory=list)
     solid_px: list[int] = field(default_factory=list)
     bare: list[Layer] = field(default_factory=list)
+    topology: list[tuple[TopologyChange, ...]] = field(default_factory=list)
 
     def lists(self) -> tuple[list[Spans], ...]:
         return self.before, self.changed, self.paths, self.added, self.removed
@@ -143,7 +147,8 @@ def collect(
     pixel_mm2 = before.pixel_mm[0] * before.pixel_mm[1]
     added, removed = ((np.array(px) * heights * pixel_mm2) for px in (seen.added_px, seen.removed_px))
     changes = [layer.change for layer in seen.bare]
-    places = _places(before, seen, about)
+    thinnest = _thinnest(seen, about)
+    places, more = _places(before, seen, about)
     meta = {
         "format": "layerfix-report",
         "version": VERSION,
@@ -153,20 +158,32 @@ def collect(
         "settings": [list(pair) for pair in about.settings],
         "feature_mm": about.feature_mm,
         "notes": [*before.notes, *about.notes, *_sampling_notes(before, seen, window)],
-        "summary": [list(pair) for pair in _summary(before, seen, added, removed, changes, about)],
+        "summary": [list(pair) for pair in _summary(before, seen, added, removed, thinnest, about)],
         "frame": _frame(before, window),
         "layers": {"count": len(before), "shown": seen.shown, "z_mm": before.z_mm.round(6).tolist()},
         "images": {"chunk_layers": CHUNK_LAYERS, **images},
         "charts": {
             "added_mm3": _rounded(added),
             "removed_mm3": _rounded(removed),
-            "thinnest_mm": [c.thinnest_mm if c is not None else None for c in changes],
+            "changed_px": [a + r for a, r in zip(seen.added_px, seen.removed_px, strict=True)],
+            "thinnest_mm": thinnest,
             "width_mm": list(about.widths_mm) or None,
         },
         "places": places,
+        "more_places": more,
+        "looked_for": _looked_for(about, changes),
         "bodies": bodies,
     }
     return Report(meta, blobs)
+
+
+def _looked_for(about: About, changes: Sequence[Change | None]) -> str:
+    """What the table says if it is empty: only what was looked for."""
+    if any(change is not None for change in changes):
+        return "Nothing was too thin, nothing merged or closed."
+    if about.verdicts:
+        return "Nothing would be lost, nothing merged or closed between the two."
+    return "Nothing merged or closed between the two. What is too thin was not looked for: give --min-feature."
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:
@@ -200,6 +217,12 @@ def _look_at(before: LayerStack, after: LayerStack, progress: Progress) -> _Seen
         seen.added_px.append(int(np.bitwise_count(added).sum()))
         seen.removed_px.append(int(np.bitwise_count(removed).sum()))
         paths = now.change.paths if now.change is not None else None
+        if now.change is not None:
+            seen.topology.append(now.change.topology)
+        else:  # of another file: what it did is found by comparing
+            seen.topology.append(
+                tuple(changes_of_rows(was.rows, now.rows, before.pixel_mm, before.origin_mm, was.z_mm))
+            )
         bare = now.without_pixels()
         seen.bare.append(bare if bare.change is None else _without_paths(bare))
         if k % every == 0:
@@ -264,7 +287,7 @@ def _summary(
     seen: _Seen,
     added: NDArray[np.float64],
     removed: NDArray[np.float64],
-    changes: Sequence[Change | None],
+    thinnest: Sequence[float | None],
     about: About,
 ) -> Iterator[tuple[str, str]]:
     """The few figures at the head of the page."""
@@ -274,7 +297,7 @@ def _summary(
         lost = sum(v.features_lost for v in about.verdicts)
         yield "would be lost", f"{lost} thin feature{'s' * (lost != 1)}"
         yield "after correction", str(sum(v.features_left for v in about.verdicts))
-    thin = [c.thinnest_mm for c in changes if c is not None and c.thinnest_mm is not None]
+    thin = [width for width in thinnest if width is not None]
     if thin:
         yield "thinnest", format_mm(round(min(thin), 4))
     yield "layers changed", f"{changed} of {len(stack)}"
@@ -283,8 +306,8 @@ def _summary(
     yield "removed", f"{removed.sum():.4g} mm³"
 
 
-def _places(stack: LayerStack, seen: _Seen, about: About) -> list[dict[str, Any]]:
-    """What is worth a look, the worst first: kind, layer, box, and what to say of it."""
+def _places(stack: LayerStack, seen: _Seen, about: About) -> tuple[list[dict[str, Any]], dict[str, int]]:
+    """(what is worth a look, the worst first: kind, layer, box, what to say of it; how many more of each kind)."""
     found: list[dict[str, Any]] = []
     at = {z: k for k, z in enumerate(stack.z_mm[:, 0].round(6).tolist())}
 
@@ -296,15 +319,15 @@ def _places(stack: LayerStack, seen: _Seen, about: About) -> list[dict[str, Any]
         return at.get(round(z_mm[0], 6), 0)
 
     if about.feature_mm is not None:
-        for k in _thinnest_layers(seen):
+        thinnest = _thinnest(seen, about)
+        for k in _apart(thinnest):
             spot = narrowest_place(stack, k, min_feature_mm=about.feature_mm, of_void=False)
-            change = seen.bare[k].change
-            if spot is not None and change is not None and change.thinnest_mm is not None:
-                width = change.thinnest_mm
+            width = thinnest[k]
+            if spot is not None and width is not None:
                 place("thin", k, spot.box_mm, f"{format_mm(round(width, 4))} wide", (0, width))
     for k, layer in enumerate(seen.bare):
         change = layer.change
-        for one in change.topology if change is not None else ():
+        for one in seen.topology[k]:
             count = f"{one.count} parts" if one.kind == "merged" else f"{one.area_mm2:.3g} mm²"
             place(one.kind, k, one.box_mm, count, (1, -one.area_mm2))
         for one in change.conflicts if change is not None else ():
@@ -315,17 +338,30 @@ def _places(stack: LayerStack, seen: _Seen, about: About) -> list[dict[str, Any]
             place("sheet", k, (), f"{layer.sheets_lost} thinner than a quarter of a layer, left out", (3, 0))
     for verdict in about.verdicts:
         for kind, places in (("lost", verdict.lost), ("island", verdict.islands), ("speck", verdict.alone)):
-            for one in places:
-                place(kind, layer_at(one.z_mm), one.box_mm, f"{one.area_mm2:.3g} mm²", (3, -one.area_mm2))
+            for found_at in places:
+                text = f"{found_at.area_mm2:.3g} mm²"
+                place(kind, layer_at(found_at.z_mm), found_at.box_mm, text, (3, -found_at.area_mm2))
     found.sort(key=lambda one: one["order"])
-    return [{name: value for name, value in one.items() if name != "order"} for one in found[:MOST_PLACES]]
+    kept: list[dict[str, Any]] = []
+    counts: Counter[str] = Counter()
+    for row in found:
+        counts[row["kind"]] += 1
+        if counts[row["kind"]] <= MOST_OF_A_KIND:
+            kept.append({name: value for name, value in row.items() if name != "order"})
+    return kept, {kind: count - MOST_OF_A_KIND for kind, count in counts.items() if count > MOST_OF_A_KIND}
 
 
-def _thinnest_layers(seen: _Seen) -> list[int]:
+def _thinnest(seen: _Seen, about: About) -> list[float | None]:
+    """Of every layer the width at its narrowest place before, from its correction or from the verdict on it."""
+    if about.verdicts:
+        return [verdict.thinnest_mm for verdict in about.verdicts]
+    return [layer.change.thinnest_mm if layer.change is not None else None for layer in seen.bare]
+
+
+def _apart(thinnest: Sequence[float | None]) -> list[int]:
     """Layers with the thinnest features, no two of them neighbours of each other."""
-    thin = [(layer.change.thinnest_mm, k) for k, layer in enumerate(seen.bare)
-            if layer.change is not None and layer.change.thinnest_mm is not None]  # fmt: skip
-    apart = max(1, len(seen.bare) // 50)
+    thin = [(width, k) for k, width in enumerate(thinnest) if width is not None]
+    apart = max(1, len(thinnest) // 50)
     chosen: list[int] = []
     for _, k in sorted(thin):
         if len(chosen) == WORST:

@@ -66,7 +66,7 @@ function fromLink() {
   return found ? Number(found[1]) : null;
 }
 
-const isChanged = (layer) => meta.charts.added_mm3[layer] > 0 || meta.charts.removed_mm3[layer] > 0;
+const isChanged = (layer) => meta.charts.changed_px[layer] > 0;
 function nextChange(by) {
   for (let layer = page.layer + by; layer >= 0 && layer < count; layer += by) {
     if (isChanged(layer) && shown[stored(layer)] === layer) return go(layer);
@@ -83,7 +83,11 @@ function pointed(at) {
 
 function table() {
   const body = $("places").tBodies[0];
+  $("no-places").textContent = meta.looked_for;
   $("no-places").hidden = meta.places.length > 0;
+  const more = Object.entries(meta.more_places).map(([kind, count]) => `${count} ${kind}`).join(", ");
+  $("more-places").hidden = more === "";
+  $("more-places").textContent = `Not listed: ${more}. layerfix fix --json and layerfix check --json list all of them.`;
   document.querySelector(".scroll").hidden = meta.places.length === 0;
   for (const place of meta.places) {
     const row = body.insertRow(), [left, bottom, right, top] = place.box_mm.length ? place.box_mm : [];
@@ -177,7 +181,10 @@ function listen() {
   addEventListener("keydown", keys);
   addEventListener("keyup", (event) => { if (event.key === "b" && page.held) { mode(page.held); page.held = null; } });
   addEventListener("hashchange", () => { const layer = fromLink(); if (layer !== null && layer !== page.layer) go(layer); });
-  addEventListener("resize", () => { image.fit(); if (view) view.draw(); });
+  addEventListener("resize", () => { image.draw(); if (view) view.draw(); });
+  addEventListener("blur", () => { if (page.held) { mode(page.held); page.held = null; } });
+  addEventListener("beforeprint", () => { page.dark = document.documentElement.dataset.theme === "dark"; theme(false); repaint(); });
+  addEventListener("afterprint", () => { theme(page.dark); repaint(); });
 }
 
 function repaint() { paint(); if (view) { view.paint(); view.mode(page.mode); } }
