@@ -60,8 +60,13 @@ class ObjectDone:
             return f"{self.name}: nothing is thinner than {self.min_feature_mm:.3g} mm"
         return (
             f"{self.name}: {self.changed} of {self.layers} layers thickened to {self.min_feature_mm:.3g} mm,"
-            f" {self.added_mm3:.3g} mm³ added"
+            f" {short(self.added_mm3)} mm³ added"
         )
+
+
+def short(value: float) -> str:
+    """Three digits, or all before the point."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def whole_page(done: Iterable[ObjectDone]) -> str:
@@ -86,7 +91,7 @@ def body(done: Iterable[ObjectDone]) -> str:
         )
     rows = "".join(
         f"<tr><td>{html.escape(one.name)}</td><td class='n'>{one.layers}</td><td class='n'>{one.changed}</td>"
-        f"<td class='n'>{one.min_feature_mm:.3g} mm</td><td class='n'>{one.added_mm3:.3g} mm³</td></tr>"
+        f"<td class='n'>{one.min_feature_mm:.3g} mm</td><td class='n'>{short(one.added_mm3)} mm³</td></tr>"
         for one in done
     )
     table = (
@@ -114,5 +119,5 @@ def _figure(one: ObjectDone) -> str:
         f"<figure><svg width='{width:.0f}' height='{height:.0f}'><g transform='matrix(1 0 0 -1 0 {height:.0f})'>"
         f"<path class='a' fill-rule='evenodd' d='{path(after)}'/><path class='b' fill-rule='evenodd'"
         f" d='{path(before)}'/></g></svg><figcaption>{html.escape(one.name)}, layer at z ="
-        f" {one.most_z_mm:.2f} mm: what was added is orange ({one.most_mm2:.3g} mm²)</figcaption></figure>"
+        f" {one.most_z_mm:.2f} mm: what was added is orange ({short(one.most_mm2)} mm²)</figcaption></figure>"
     )
