@@ -155,8 +155,8 @@ def test_a_batch_survives_its_workers(cluster, tmp_path):
                 cluster.kill_worker()
             cluster.add_worker()
 
-    away = fix_all(sources, tmp_path / "away", options, ".3mf", cluster.address, kill)
-    here = fix_all(sources, tmp_path / "here", options, ".3mf")
+    away = fix_all(sources, tmp_path / "away", options, ".zip", cluster.address, kill)
+    here = fix_all(sources, tmp_path / "here", options, ".zip")
     assert killed
     assert away.failed == here.failed == ()
     assert [one.source for one in away.done] == [str(source) for source in sources]
