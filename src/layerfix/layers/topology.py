@@ -189,7 +189,7 @@ def changes_of_rows(
     origin_mm: tuple[float, float],
     z_mm: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[TopologyChange, ...]:
-    """`compare_topology` of one layer as packed rows: (H, words) before and after, on a frame of this pitch and corner."""
+    """`compare_topology` of one layer as packed rows, (H, words), on a frame of this pitch and corner."""
     if np.array_equal(before, after):
         return ()
     outer = with_border(bounding_box(before | after), 0, 0)
