@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from scipy import ndimage
 
-from layerfix import LayerStack, correct
+from layerfix import LayerStack, correct, load_mesh
 from layerfix.commands.check import Verdict
 from layerfix.layers.verdict import LayerVerdict, Place, judge, narrowest_place
 from tests import slow_metric
@@ -230,3 +230,33 @@ def test_what_layers_cannot_see(tmp_path):
     assert "the thinnest 0.3 mm" in text
     run = run_layerfix("check", plate, *frame, "--axes", "xq")
     assert (run.code, "axes 'xq': z, and x or y or both" in run.err) == (2, True)
+
+
+def test_fix_sees_along_other_axes_too(tmp_path):
+    """A flat plate of 0.3 mm and a flat wall on a post become 0.8 mm high; the cube keeps its facets to the bit; in
+    layers nothing is thin afterwards."""
+    cube = box((0, 0, 0), (6, 5, 2))
+    plate = write_stl(
+        tmp_path / "plate.stl", joined(cube, box((8, 1, 0.5), (12, 4, 0.8)), box((1, 1, 2), (1.3, 4, 6)))
+    )
+    frame = ("--pixel", "0.1mm", "--layer", "0.1mm", "--min-feature", "0.8mm")
+    run = run_layerfix("fix", plate, tmp_path / "fixed.stl", *frame, "--axes", "xyz", "--json")
+    assert run.code == 0
+    notes = json.loads(run.out)["notes"]
+    assert any(note.startswith("along x: 1 body added where it was thin") for note in notes), notes
+    verdict = json.loads(run_layerfix("check", tmp_path / "fixed.stl", *frame, "--axes", "xyz", "--json").out)
+    assert verdict["features_lost"] == 0
+    along_x = verdict["across"][0]
+    assert (along_x["axis"], along_x["features_lost"]) == ("x", 0)
+    before, after = (
+        {tuple(sorted(map(tuple, corners))) for corners in mesh.vertices[mesh.faces].tolist()}
+        for mesh in map(load_mesh, (plate, tmp_path / "fixed.stl"))
+    )
+    sides = {face for face in before if all(z <= 2 and x <= 6 for x, _, z in face) and min(f[2] for f in face) < 2}
+    assert sides <= after
+    for more, said in (
+        (("--axes", "xq"), "axes 'xq': z, and x or y or both"),
+        (("--axes", "xyz", "--keep-gaps", "0.1mm"), "--axes xyz: does not go with --keep-gaps"),
+    ):
+        refused = run_layerfix("fix", plate, tmp_path / "no.stl", *frame, *more)
+        assert (refused.code, said in refused.err) == (2, True), refused.err

@@ -21,7 +21,7 @@ from PIL import Image
 
 import layerfix
 from layerfix import correct, load_mesh, load_printer, read, slice_mesh
-from layerfix.commands.fix import Summary
+from layerfix.commands.summary import Summary
 from layerfix.formats.table import FORMATS
 from layerfix.printers import printer_names
 from tests.making import (

@@ -76,6 +76,28 @@ def test_fix_turns_the_part_first(tmp_path, part):
     assert any(note.startswith("turned by θ = [") and "% less" in note for note in better["notes"])
 
 
+def test_what_is_kept_free_turns_with_the_part(tmp_path):
+    """Two thin plates in a corner, one of which is upright in any pose: with its outside kept free, none goes there."""
+    plates = box([-2, -2, 0], [-1.7, 2, 4]), box([-2, -2, 0], [2, -1.7, 4])
+    outside = box([-5, -5, -1], [-2, 5, 6]), box([-2, -5, -1], [5, -2, 6])
+    part = write_stl(tmp_path / "part.stl", turned(joined(*plates), "x", 25))
+    bore = write_stl(tmp_path / "bore.stl", turned(joined(*outside), "x", 25))
+    how = (*HOW, "--orient", "quick", "--surface", "voxels")
+    for name, more in (("free.stl", ()), ("kept.stl", ("--keep-out", bore))):
+        run = run_layerfix("fix", part, tmp_path / name, *how, *more)
+        assert run.code == 0, run.err
+    assert run_layerfix("orient", part, *HOW, "--method", "quick", "-o", tmp_path / "best.json").code == 0
+    matrix = np.linalg.inv(json.loads((tmp_path / "best.json").read_text())["matrix"])
+    beyond = []
+    for name in ("free.stl", "kept.stl"):
+        back = lf.load_mesh(tmp_path / name).transformed(matrix[:3, :3]).moved(matrix[:3, 3])
+        beyond.append(float(-2 - turned(back, "x", -25).vertices[:, :2].min()))
+    assert beyond[0] > 0.2  # half of what is missing, less a pixel
+    assert beyond[1] < 0.13  # half a pixel
+    layers = run_layerfix("fix", part, tmp_path / "c.zip", *HOW, "--orient", "quick", "--keep-out", tmp_path / "b.zip")
+    assert layers.code == 2
+
+
 def test_ctrl_c_writes_the_best_so_far_and_resume_goes_on(tmp_path):
     """Exit code 130, outputs there and whole; resumed, the end is that of a run without a break."""
     write_stl(tmp_path / "part.stl", sample("molecule").mesh())

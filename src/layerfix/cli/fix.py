@@ -85,6 +85,11 @@ from layerfix.console import one_line
         help="Turn it first, to where it needs the least correction and fits: see `layerfix orient`.",
     ),
     cloup.option(
+        "--axes",
+        metavar="xyz",
+        help="What is thin along x or y, which layers cannot see, is thickened first: xyz, xz, yz. [default: z]",
+    ),
+    cloup.option(
         "--fill",
         type=cloup.Choice(["nonzero", "even_odd", "positive"]),
         help="Which parts of overlapping shells are solid. [default: nonzero]",

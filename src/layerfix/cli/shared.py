@@ -13,8 +13,8 @@ from layerfix.cli.types import Length, Pitch, Scale
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
-    from layerfix.commands.fix import Summary
     from layerfix.commands.options import Options
+    from layerfix.commands.summary import Summary
 
 PRINTER = cloup.option("-p", "--printer", metavar="NAME", help="A printer of `layerfix printers`, or your own .toml.")
 FRAME = (

@@ -1,4 +1,4 @@
-"""What layers cannot see: what is thin along x or y, found by slicing the mesh along these axes, too.
+"""What layers cannot see: what is thin along x or y, found, and thickened, by slicing the mesh along these axes, too.
 
 A layer shows how wide things are in its plane. A plate that lies flat is wide in every layer, and may be a tenth of a
 millimetre thick.
@@ -7,19 +7,24 @@ millimetre thick.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from layerfix.commands.options import flag, min_feature_of
 from layerfix.errors import InputError
+from layerfix.layers.correction import correct
 from layerfix.layers.verdict import judge, narrowest_place
 from layerfix.mesh.slicing import plate_mm, slice_mesh
 from layerfix.units import counted, format_mm
 
 if TYPE_CHECKING:
+    from layerfix.commands.options import Options
     from layerfix.layers.skeleton import Spurs
     from layerfix.mesh.triangles import Mesh
+
+Progress = Callable[[int, int], None]
 
 # Which coordinate comes where so that the axis points up; both keep the sense of triangles.
 TURNS = {"x": (1, 2, 0), "y": (2, 0, 1)}
@@ -58,7 +63,7 @@ def judge_across(
     min_feature_mm: float,
     spurs: Spurs,
     workers: int,
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> AxisVerdict:
     """The mesh, sliced along x or y at `pixel_mm`, judged at the minimum feature."""
     order = TURNS[axis]
@@ -97,3 +102,41 @@ def line_of(found: AxisVerdict, min_feature_mm: float) -> tuple[str, str]:
             f"{name} {low:.2f} to {high:.2f}" for name, (low, high) in zip("xyz", found.thinnest_at_mm, strict=True)
         )
     return f"along {found.axis}", text + " mm"
+
+
+def thicker_across(mesh: Mesh, pixel_mm: float | tuple[float, float], options: Options, progress: Progress) -> Mesh:
+    """The mesh with what is thin along x and y thickened, as layers along these axes show it; z comes afterwards.
+
+    Its own facets stay elsewhere, as in a smooth surface; notes say how much was added.
+    Raises InputError for other axes, for what is kept free (these bodies know nothing of it), and as
+    `smooth_surface`.
+    """
+    axes, how = options.slicing.axes or "z", options.correction
+    given = [name for name in ("keep_gaps_mm", "keep_out", "min_layers") if getattr(how, name) is not None]
+    if given:
+        raise InputError(f"--axes {axes}: does not go with {', '.join(map(flag, given))}")
+    for axis in check_axes(axes):
+        mesh = _thicker_along(mesh, axis, pixel_mm, options, progress)
+    return mesh
+
+
+def _thicker_along(
+    mesh: Mesh, axis: str, pixel_mm: float | tuple[float, float], options: Options, progress: Progress
+) -> Mesh:
+    from layerfix.surface.kinds import Telling, smoothly
+
+    how, min_feature_mm = options.correction, min_feature_of(options)
+    turn = np.eye(3)[list(TURNS[axis])]
+    turned = mesh.transformed(turn)
+    pitch_mm = max(pixel_mm) if isinstance(pixel_mm, tuple) else pixel_mm
+    stack = slice_mesh(turned, pixel_mm=pitch_mm, layer_mm=pitch_mm, margin_mm=min_feature_mm,
+                       fill=options.slicing.fill or "nonzero")  # fmt: skip
+    fixed = correct(stack, min_feature_mm=min_feature_mm, mode="add_only", spurs=how.spurs or "metric",
+                    ignore_below_mm2=how.ignore_below_mm2 or 0.0).with_workers(options.run.workers)  # fmt: skip
+    found = smoothly(fixed, turned, None, Telling(lambda k, _: progress(k + 1, len(fixed)), progress))
+    if not found.bodies:
+        return mesh
+    added_mm3 = found.mesh.volume_mm3 - turned.volume_mm3
+    note = f"along {axis}: {found.bodies} {'body' if found.bodies == 1 else 'bodies'} added where it was thin"
+    note += f", {added_mm3:.4g} mm³" if found.closed else ", beside its facets, as it is no closed surface"
+    return replace(found.mesh.transformed(turn.T), notes=(*mesh.notes, note))

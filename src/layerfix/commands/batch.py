@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from layerfix.commands.fix import Summary
 from layerfix.commands.project import fix_file as fix
+from layerfix.commands.summary import Summary
 from layerfix.errors import InputError, LayerfixError, OutputError
 from layerfix.files import check_input, check_target, whole_file, whole_folder
 from layerfix.formats import check_before, find_format

@@ -78,7 +78,7 @@ def check(
     page = options.run.report
     if page is not None:
         check_page(page, source, None, force=options.run.force)
-    stack, turned = opened(source, options)
+    stack, placed = opened(source, options)
     stack = stack.with_workers(options.run.workers)
     min_feature_mm = min_feature_of(options, lambda: hint_of(source, job_printers(stack)))
     mode = options.correction.mode or usual_mode(options.printer, stack)
@@ -88,7 +88,7 @@ def check(
         layers.append(verdict)
         progress(len(layers), len(stack))
     if page is not None:
-        after = as_asked(stack, turned, mode, options)
+        after = as_asked(stack, placed, mode, options)
         report_on(source, stack, after, page, options, mode, verdicts=layers, progress=progress)
     others = []
     if across:

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from layerfix.commands.fix import Summary, fix
+from layerfix.commands.fix import fix
 from layerfix.commands.options import Frame, Options, Run
+from layerfix.commands.summary import Summary
 from layerfix.files import whole_folder
 from layerfix.formats import write
 from layerfix.mesh.slicing import slice_mesh

@@ -4,24 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from layerfix.commands.machines import hint_of, job_printers, project_printers, told_of_machine, told_of_service
-from layerfix.commands.notes import (
-    doubts,
-    told_of_conflicts,
-    told_of_dimmed,
-    told_of_empty_layers,
-    told_of_hairlines,
-    told_of_raised,
-    told_of_sheets,
-    told_of_specks,
-    told_of_topology,
-)
+from layerfix.commands.notes import doubts
 from layerfix.commands.options import Options, flag, min_feature_of, refuse_given
 from layerfix.commands.pages import check_page
+from layerfix.commands.summary import Summary, add_up
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
 from layerfix.formats import (
@@ -42,45 +35,17 @@ from layerfix.mesh.slicing import slice_like, slice_mesh, sliced_mesh
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from layerfix.layers.correction import Mode
-    from layerfix.layers.gaps import Conflict
-    from layerfix.layers.topology import TopologyChange
     from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
     from layerfix.surface.kinds import Kind
 
+    Matrix = NDArray[np.float64]
 
-QUARTER_TURN = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What a correction came to. Percentages are of the volume before; z is where the thinnest thing is."""
-
-    source: str
-    target: str
-    layers: int
-    size_px: tuple[int, int]
-    pixel_mm: tuple[float, float]
-    min_feature_mm: float
-    mode: str
-    layers_changed: int
-    thinnest_mm: float | None
-    thinnest_z_mm: float | None
-    volume_mm3: float
-    added_mm3: float
-    removed_mm3: float
-    added_percent: float
-    removed_percent: float
-    layers_with_gaps: int
-    longest_gap_mm: float
-    seconds: float
-    most_changed_layer: int = 0
-    hairline_layers: int = 0
-    topology: tuple[TopologyChange, ...] = ()
-    conflicts: tuple[Conflict, ...] = ()
-    notes: tuple[str, ...] = ()
+QUARTER_TURN = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], np.float64)
 
 
 def fix(
@@ -99,7 +64,7 @@ def fix(
     check_before(target, options.printer, options.output)
     check_options(target, options.output, options_for_layers(target), flag)
     paths = options.path_settings()
-    stack, turned = opened(source, _antialiased(source, target, options), progress)
+    stack, placed = opened(source, _antialiased(source, target, options), progress)
     check_options(target, options.output, find_writer(target, stack).takes, flag)
     min_feature_mm = min_feature_of(options, lambda: hint_of(source, job_printers(stack)))
     surface = _surface(target, stack, options)
@@ -113,7 +78,7 @@ def fix(
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
     told = doubts(tolerance_mm, paths, min_feature_mm)
-    fixed = as_asked(stack, turned, mode, options)
+    fixed = as_asked(stack, placed, mode, options)
     done: list[Layer] = []
 
     def watch(index: int, layer: Layer) -> None:
@@ -135,8 +100,11 @@ def fix(
     return summary
 
 
-def as_asked(stack: LayerStack, turned: bool, mode: Mode, options: Options) -> LayerStack:
-    """The layers corrected as the options say. Raises InputError as `correct` does."""
+def as_asked(stack: LayerStack, placed: Matrix | None, mode: Mode, options: Options) -> LayerStack:
+    """The layers corrected as the options say. Raises InputError as `correct` does.
+
+    placed: how the part was turned and moved after it was read (`Part.placed`)
+    """
     how, min_feature_mm = options.correction, min_feature_of(options)
     first_mm = how.first_layer_min_feature_mm if not (options.run.layers or (0,))[0] else None
     return correct(
@@ -147,7 +115,7 @@ def as_asked(stack: LayerStack, turned: bool, mode: Mode, options: Options) -> L
         ignore_below_mm2=how.ignore_below_mm2 or 0.0,
         ignore_specks=bool(how.ignore_specks),
         keep_gaps_mm=how.keep_gaps_mm,
-        keep_out=_keep_out(stack, turned, options),
+        keep_out=_keep_out(stack, placed, options),
         grow=how.grow or "both",
         min_layers=how.min_layers or 1,
     ).with_workers(options.run.workers)
@@ -207,12 +175,12 @@ def open_stack(source: Path, options: Options) -> LayerStack:
 
 def opened(
     source: Path, options: Options, progress: Callable[[int, int], None] = lambda done, total: None
-) -> tuple[LayerStack, bool]:
-    """(layers; whether they are of a mesh that was turned)."""
+) -> tuple[LayerStack, Matrix | None]:
+    """(layers; how the mesh that they are of was turned and moved, as `Part.placed`)."""
     found, _ = find_format(source)
     if found.mesh is not None:
         part = open_part(source, options, progress)
-        return part.stack, part.turned
+        return part.stack, part.placed
     refuse_given(options.slicing, f"goes with meshes; {source} holds layers already")
     frame, greys = options.frame, {f: v for f, v in asdict(options.greys).items() if v is not None}
     stack = read(source, printer=options.printer, pixel_mm=frame.pixel_mm, layer_mm=frame.layer_mm,
@@ -220,15 +188,15 @@ def opened(
     if empty_ends(stack) is None:
         raise InputError(f"{source}: nothing is solid in any of its {len(stack)} layers")
     told = told_of_machine(stack, options.printer)
-    return replace(stack, notes=(*stack.notes, *told)) if told else stack, False
+    return replace(stack, notes=(*stack.notes, *told)) if told else stack, None
 
 
 class Part(NamedTuple):
-    """A mesh, turned to fit the printer, its layers, and whether it was turned."""
+    """A mesh as it is printed, its layers, and the (4, 4) matrix that took it there; None: as it was read."""
 
     mesh: Mesh
     stack: LayerStack
-    turned: bool
+    placed: Matrix | None
 
 
 def open_part(
@@ -259,15 +227,22 @@ def open_part(
         for height in (layer_mm, first_mm or layer_mm):
             paths.check_layer(height)
     slicing = options.slicing
-    stands = mesh is not None
+    stands, placed = mesh is not None, None
     mesh = mesh or read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0)
     if slicing.orient is not None:
         from layerfix.commands.standing import standing
 
-        mesh = standing(mesh, options, progress)
-    turned = not stands and _fits_only_turned(mesh, printer)
-    mesh = mesh.transformed(QUARTER_TURN) if turned else mesh
+        mesh, placed = standing(mesh, options, progress)
+    if not stands and _fits_only_turned(mesh, printer):
+        mesh, placed = (
+            mesh.transformed(QUARTER_TURN[:3, :3]),
+            QUARTER_TURN @ (np.eye(4) if placed is None else placed),
+        )
     _check_size(mesh, printer, min_feature_mm)
+    if slicing.axes is not None:
+        from layerfix.commands.axes import thicker_across
+
+        mesh = thicker_across(mesh, pixel_mm, options, progress)
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
     stack = slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
                        margin_mm=min_feature_mm, fill=slicing.fill or "nonzero",
@@ -276,20 +251,22 @@ def open_part(
                        antialias=bool(slicing.antialias),
                        frame_px=panel)  # fmt: skip
     stack = told_of_ends(stack, mesh)
-    return Part(mesh, replace(stack, notes=(*stack.notes, *told_of_service(printer))), turned)
+    return Part(mesh, replace(stack, notes=(*stack.notes, *told_of_service(printer))), placed)
 
 
-def _keep_out(stack: LayerStack, turned: bool, options: Options) -> LayerStack | None:
+def _keep_out(stack: LayerStack, placed: Matrix | None, options: Options) -> LayerStack | None:
     """What is to be kept free: a mesh in the part's coordinates, or layers of the same frame."""
     path = options.correction.keep_out
     if path is None:
         return None
     found, _ = find_format(path)
     if found.mesh is None:
+        if options.slicing.orient is not None:
+            raise InputError(f"--keep-out {path}: layers cannot be turned as --orient turns the part; give a mesh")
         return read(path, printer=options.printer, pixel_mm=stack.pixel_mm, layer_mm=options.frame.layer_mm,
                     first_layer_mm=options.frame.first_layer_mm)  # fmt: skip
     mesh = read_mesh(path, unit=options.slicing.unit, scale=options.slicing.scale or 1.0)
-    return slice_like(mesh.transformed(QUARTER_TURN) if turned else mesh, stack)
+    return slice_like(mesh if placed is None else mesh.transformed(placed[:3, :3]).moved(placed[:3, 3]), stack)
 
 
 def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:
@@ -356,70 +333,3 @@ def _check_size(mesh: Mesh, printer: Printer | None, min_feature_mm: float) -> N
             f"{mesh.name}: the part is {' × '.join(f'{s:.4g}' for s in size)} mm, larger than what"
             f" {printer.name} prints: {' × '.join(f'{s:.4g}' for s in printer.room_mm)} mm"
         )
-
-
-def add_up(
-    source: Path,
-    target: Path,
-    stack: LayerStack,
-    min_feature_mm: float,
-    mode: str,
-    done: list[Layer],
-    started: float,
-    told: list[str],
-) -> Summary:
-    """What came of the layers of `stack`, which are `done`. started: by time.perf_counter."""
-    changes = [(layer, layer.change) for layer in done if layer.change is not None]
-    pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
-    heights_mm = stack.heights_mm().tolist()
-
-    def volume(pick: Callable[[int], int]) -> float:
-        return float(sum(pick(i) * heights_mm[i] for i in range(len(changes))) * pixel_mm2)
-
-    solid = volume(lambda i: changes[i][1].solid_px)
-    added = volume(lambda i: changes[i][1].added_px)
-    removed = volume(lambda i: changes[i][1].removed_px)
-    thinnest = min(
-        ((c.thinnest_mm, layer.z_mm[0]) for layer, c in changes if c.thinnest_mm is not None),
-        default=(None, None),
-    )
-    gaps = [layer.gaps for layer in done if layer.gaps is not None]
-    turned = [c.added_px + c.removed_px for _, c in changes]
-    topology = tuple(sorted((t for _, c in changes for t in c.topology), key=lambda t: -t.area_mm2))
-    conflicts = tuple(sorted((c for _, change in changes for c in change.conflicts), key=lambda c: c.width_mm))
-    return Summary(
-        source=str(source),
-        target=str(target),
-        layers=len(done),
-        size_px=(stack.width, stack.height),
-        pixel_mm=stack.pixel_mm,
-        min_feature_mm=min_feature_mm,
-        mode=mode,
-        layers_changed=sum(t > 0 for t in turned),
-        thinnest_mm=thinnest[0],
-        thinnest_z_mm=thinnest[1],
-        volume_mm3=solid,
-        added_mm3=added,
-        removed_mm3=removed,
-        added_percent=100 * added / solid if solid else 0.0,
-        removed_percent=100 * removed / solid if solid else 0.0,
-        layers_with_gaps=len(gaps),
-        longest_gap_mm=max((g.longest_mm for g in gaps), default=0.0),
-        seconds=time.perf_counter() - started,
-        most_changed_layer=turned.index(max(turned)) if turned else 0,
-        hairline_layers=sum(layer.hairline_px > 0 for layer in done),
-        topology=topology,
-        conflicts=conflicts,
-        notes=(
-            *stack.notes,
-            *told_of_empty_layers(done),
-            *told_of_hairlines(done, stack.pixel_mm),
-            *told_of_sheets(done),
-            *told_of_dimmed(done),
-            *told_of_raised(done),
-            *told_of_topology(topology),
-            *told_of_conflicts(conflicts, min_feature_mm),
-            *told_of_specks(done),
-            *told,
-        ),
-    )

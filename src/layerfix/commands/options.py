@@ -40,6 +40,7 @@ class Slicing:
     unit: str | None = None
     scale: float | None = None
     orient: Method | None = None
+    axes: str | None = None
 
 
 @dataclass(frozen=True)

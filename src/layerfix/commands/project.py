@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.commands.fix import Summary, add_up, as_asked, check_paths, fix, open_part
+from layerfix.commands.fix import as_asked, check_paths, fix, open_part
 from layerfix.commands.options import Options, flag, min_feature_of
+from layerfix.commands.summary import Summary, add_up
 from layerfix.errors import InputError
 from layerfix.formats import find_format
 from layerfix.formats.solid.project_3mf import Placed, Project, ProjectObject, is_project
@@ -97,7 +98,7 @@ def _fix_object(
     bodies = [_body(project, placed) for placed in one.parts]
     whole = _whole(bodies, one.name)
     stack = open_part(source, options, progress, mesh=whole).stack
-    fixed = as_asked(stack, False, "add_only", options)
+    fixed = as_asked(stack, None, "add_only", options)
     layers: list[Layer] = []
     for index, layer in enumerate(fixed.each(lambda layer: layer.without_pixels())):
         bottom, top = fixed.z_mm[index].tolist()

@@ -56,11 +56,11 @@ def report(source: Path, fixed: Path | None, target: Path, options: Options, pro
     if fixed is not None:
         check_input(fixed)
         check_apart(target, fixed)
-    stack, turned = opened(source, options)
+    stack, placed = opened(source, options)
     stack = stack.with_workers(options.run.workers)
     mode = options.correction.mode or usual_mode(options.printer, stack)
     if fixed is None:
-        after = as_asked(stack, turned, mode, options)
+        after = as_asked(stack, placed, mode, options)
         verdicts, widths_mm = _judged(stack, options, mode, progress), _widths(stack, options)
     else:
         after, verdicts, widths_mm = _other(fixed, stack, options), [], []

@@ -45,11 +45,11 @@ def show(
         raise OutputError(f"{target}: the picture is written as PNG; call it .png")
     check_apart(target, source)
     check_target(target, force=options.run.force)
-    stack, turned = opened(source, options)
+    stack, placed = opened(source, options)
     if index is not None and not 0 <= index < len(stack):
         raise InputError(f"{source}: layer {index} is not there; it has layers 0 to {len(stack) - 1}")
     mode = options.correction.mode or usual_mode(options.printer, stack)
-    fixed = telling_paths(as_asked(stack, turned, mode, options))
+    fixed = telling_paths(as_asked(stack, placed, mode, options))
     if index is not None:
         pairs, changed = [Pair(index, stack[index], fixed[index])], None
         picture = four_panels(pairs[0], stack.pixel_mm)

@@ -14,6 +14,9 @@ from layerfix.orientation.find import find
 from layerfix.orientation.objective import Objective, Printing
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from layerfix.commands.options import Options
     from layerfix.mesh.triangles import Mesh
     from layerfix.orientation.search import State
@@ -36,8 +39,10 @@ def printing_of(mesh: Mesh, options: Options) -> Printing:
     return Printing(pixel_mm, layer_mm, min_feature_mm, first_mm, mode, spurs, options.slicing.fill or "nonzero")
 
 
-def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None]) -> Mesh:
+def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None]) -> tuple[Mesh, NDArray[np.float64]]:
     """The mesh as it needs the least correction, with a note of what that won; one that fits the printer, if given.
+
+    Also the (4, 4) matrix that takes the mesh there.
 
     progress is called with (poses counted, about how many there will be). Ctrl-C ends it: there is nothing to keep.
     """
@@ -45,11 +50,6 @@ def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None])
     def told(state: State) -> None:
         progress(round(state.done), max(round(state.total), 1))
 
-    if options.correction.keep_out is not None:
-        raise InputError(
-            "--orient and --keep-out: what is kept free would have to be turned, too; turn both first (the 4 × 4"
-            " transform is in the .json of `layerfix orient`)"
-        )
     room_mm = options.printer.build_mm if options.printer else None
     method = options.slicing.orient or "race"
     objective = Objective(mesh, printing_of(mesh, options))
@@ -66,4 +66,4 @@ def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None])
             f" instead of {given.changed_px} ({found.reduction_percent:.3g} % less)"
         )
     placed = found.mesh()
-    return replace(placed, notes=(*placed.notes, note))
+    return replace(placed, notes=(*placed.notes, note)), found.matrix

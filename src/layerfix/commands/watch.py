@@ -15,10 +15,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from layerfix.commands.fix import Summary
 from layerfix.commands.journal import Job, Journal, Signature, only_one, sha256_of, signature_of
 from layerfix.commands.options import Options
 from layerfix.commands.project import fix_file as fix
+from layerfix.commands.summary import Summary
 from layerfix.errors import InputError, LayerfixError, OutputError
 from layerfix.files import check_target, put_in_place
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
     from layerfix.stack import Layer, LayerStack
+    from layerfix.surface.smooth import Smooth
 
 Kind = Literal["layers", "voxels", "smooth"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -179,16 +180,9 @@ def _voxels(stack: LayerStack, like: Mesh | None, smooth: bool, tolerance_mm: fl
 
 
 def _smooth(stack: LayerStack, like: Mesh | None, tolerance_mm: float | None, telling: Telling) -> Made:
-    from layerfix.surface.smooth import smooth_surface
-
     if like is None:
         raise InputError("a smooth surface keeps the facets of a mesh, and these layers are of none; use the voxels")
-    sheets = []
-    for index, layer in enumerate(stack.each(lambda layer: layer.without_pixels())):
-        telling.watch(index, layer)
-        if layer.sheet_px:
-            sheets.append(index)
-    found = smooth_surface(stack, like, tolerance_mm=tolerance_mm, sheets=sheets, advance=telling.advance)
+    found = smoothly(stack, like, tolerance_mm, telling)
     notes: tuple[str, ...] = ()
     if not found.closed and found.bodies:
         notes = (
@@ -196,3 +190,15 @@ def _smooth(stack: LayerStack, like: Mesh | None, tolerance_mm: float | None, te
             " own, which slicers unite; --surface voxels makes one closed surface of all",
         )
     return Made(replace(found.mesh, notes=()), notes)
+
+
+def smoothly(stack: LayerStack, like: Mesh, tolerance_mm: float | None, telling: Telling) -> Smooth:
+    """What `smooth_surface` makes of corrected layers, which are seen once. Raises InputError as it does."""
+    from layerfix.surface.smooth import smooth_surface
+
+    sheets = []
+    for index, layer in enumerate(stack.each(lambda layer: layer.without_pixels())):
+        telling.watch(index, layer)
+        if layer.sheet_px:
+            sheets.append(index)
+    return smooth_surface(stack, like, tolerance_mm=tolerance_mm, sheets=sheets, advance=telling.advance)
