@@ -77,7 +77,8 @@ def test_fix_turns_the_part_first(tmp_path, part):
 
 
 def test_what_is_kept_free_turns_with_the_part(tmp_path):
-    """Two thin plates in a corner, one of which is upright in any pose: with its outside kept free, none goes there."""
+    """Two thin plates in a corner, one of which is upright in any pose: with what is outside kept free, no
+    material goes there."""
     plates = box([-2, -2, 0], [-1.7, 2, 4]), box([-2, -2, 0], [2, -1.7, 4])
     outside = box([-5, -5, -1], [-2, 5, 6]), box([-2, -5, -1], [5, -2, 6])
     part = write_stl(tmp_path / "part.stl", turned(joined(*plates), "x", 25))
@@ -94,7 +95,9 @@ def test_what_is_kept_free_turns_with_the_part(tmp_path):
         beyond.append(float(-2 - turned(back, "x", -25).vertices[:, :2].min()))
     assert beyond[0] > 0.2  # half of what is missing, less a pixel
     assert beyond[1] < 0.13  # half a pixel
-    layers = run_layerfix("fix", part, tmp_path / "c.zip", *HOW, "--orient", "quick", "--keep-out", tmp_path / "b.zip")
+    layers = run_layerfix(
+        "fix", part, tmp_path / "c.zip", *HOW, "--orient", "quick", "--keep-out", tmp_path / "b.zip"
+    )
     assert layers.code == 2
 
 

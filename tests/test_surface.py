@@ -299,7 +299,9 @@ def coloured_mm3(path: Path) -> dict[str, list[float]]:
             found.setdefault(hexed(body.visual.vertex_colors[0]), []).append(body.volume)
     elif path.suffix == ".glb":
         for body in trimesh.load_scene(path).dump():
-            colour = hexed(body.visual.material.baseColorFactor)
+            linear = np.array(body.visual.material.baseColorFactor[:3]) / 255  # glTF's colours are
+            colour = hexed(np.rint(255 * (1.055 * linear ** (1 / 2.4) - 0.055)).astype(int))
+            colour = min(("D62728", "1F77B4"), key=lambda c: abs(int(c, 16) - int(colour, 16)))  # it keeps 8 bits
             found.setdefault(colour, []).append(body.volume * 1e9)  # glTF is in metres
     else:
         with zipfile.ZipFile(path) as package:

@@ -20,7 +20,6 @@ from layerfix.mesh.triangles import Mesh
 from layerfix.units import counted
 
 if TYPE_CHECKING:
-    import manifold3d
     from numpy.typing import NDArray
 
     from layerfix.stack import Layer, LayerStack
@@ -141,6 +140,7 @@ def _thicken(
     progress: Progress,
 ) -> list[str]:  # fmt: skip
     """Unite what is added with the parts that it touches most; tells of parts that are not closed."""
+    from layerfix.surface.shares import shared_out
     from layerfix.surface.smooth import joined, smooth_bodies
     from layerfix.surface.solids import united
 
@@ -148,32 +148,18 @@ def _thicken(
     if not added:
         return []
     told = []
-    for body, mine in zip(bodies, _shared_out(bodies, united(added).decompose()), strict=True):
-        if not mine:
+    shares = shared_out([body.mesh for body in bodies], added if len(bodies) == 1 else united(added).decompose())
+    for body, share in zip(bodies, shares, strict=True):
+        if not share.added:
             continue
-        found = joined(body.mesh, mine, feature_mm)
+        found = joined(body.mesh, share.added, feature_mm)
         if not found.closed:
             told.append(
-                f"{body.mesh.name} is no closed surface: {len(mine)} bodies were put beside its facets as shells of"
-                " their own, which slicers unite"
+                f"{body.mesh.name} is no closed surface: {len(share.added)} bodies were put beside its facets as"
+                " shells of their own, which slicers unite"
             )
         project.replace(body.placed.piece, *_back(project, body, found.mesh))
     return told
-
-
-def _shared_out(bodies: list[_Body], added: list[manifold3d.Manifold]) -> list[list[manifold3d.Manifold]]:
-    """Each added body to the part that it has most in common with; to the first that is not closed if to none."""
-    if len(bodies) == 1:
-        return [added]
-    from layerfix.surface.solids import whole_solid
-
-    solids = [whole_solid(body.mesh) for body in bodies]
-    fallback = next((k for k, solid in enumerate(solids) if solid is None), 0)
-    shares: list[list[manifold3d.Manifold]] = [[] for _ in bodies]
-    for one in added:
-        common = [0.0 if solid is None else float((solid ^ one).volume()) for solid in solids]
-        shares[int(np.argmax(common)) if max(common) > 0 else fallback].append(one)
-    return shares
 
 
 def _back(project: Project, body: _Body, mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int32]]:

@@ -7,6 +7,7 @@ triangles take 0.5 s and no more memory than their numbers.
 from __future__ import annotations
 
 import math
+import re
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -31,6 +32,8 @@ NAMES = {
     "volumetric": "volumetric data", "implicit": "implicit functions", "securecontent": "encryption (secure content)",
     "toolpath": "toolpaths", "production": "alternatives (production)",
 }  # fmt: skip
+MATERIALS = f"{MS}material/2015/02"
+HEX_COLOUR = re.compile("[0-9A-Fa-f]{6}")
 XYZ, V123 = ["x", "y", "z"], ["v1", "v2", "v3"]
 LONGEST_SILENCE = 64  # pieces of a file without an element: 16 MB
 
@@ -70,17 +73,34 @@ class Object:
     lattice: Lattice | None = None
     components: list[Use] = field(default_factory=list)
     foreign: Counter[str] = field(default_factory=Counter)
+    name: str = ""
+    colour: tuple[str, str] = ("", "")  # group of colours or materials, and which of them
+    painted: array[int] = field(default_factory=lambda: array("q"))  # triangles with one of their own,
+    paints: list[tuple[str, str]] = field(default_factory=list)  # and which
 
 
 @dataclass
 class Model:
-    """One model file. hidden: items of the build that are marked as not to be printed."""
+    """One model file. hidden: items of the build that are marked as not to be printed; colours: 0xRRGGBB by group."""
 
     unit: str = "millimeter"
     objects: dict[str, Object] = field(default_factory=dict)
     build: list[Use] = field(default_factory=list)
     hidden: int = 0
     recommended: list[str] = field(default_factory=list)
+    colours: dict[str, list[int]] = field(default_factory=dict)
+
+    def colours_of(self, found: Object) -> NDArray[np.int32]:
+        """(m,) of the object's triangles; -1 for what has none, or one that is no plain colour."""
+        colours = np.full(len(found.faces), self._colour(*found.colour), np.int32)
+        if len(found.painted):
+            known = {ref: self._colour(ref[0] or found.colour[0], ref[1]) for ref in set(found.paints)}
+            colours[np.frombuffer(found.painted, np.int64)] = [known[ref] for ref in found.paints]
+        return colours
+
+    def _colour(self, group: str, number: str) -> int:
+        colours = self.colours.get(group, [])
+        return colours[int(number)] if number.isdecimal() and int(number[:9]) < len(colours) else -1
 
 
 def extension_name(uri: str, prefix: str = "") -> str:
@@ -126,6 +146,7 @@ class _Reader:
         self._vertex_name = self._triangle_name = ""
         self._current: Object | None = None
         self._points, self._corners = array("d"), array("q")
+        self._colours: list[int] = []
         self._depth = 0  # within an element of an extension that is not read
         self.parser = expat.ParserCreate(namespace_separator=" ")
         self.parser.ordered_attributes = True
@@ -142,6 +163,8 @@ class _Reader:
         self.elements += 1
         if name == self._triangle_name and given[:6:2] == V123:
             self._corners.extend((int(given[1]), int(given[3]), int(given[5])))
+            if len(given) > 6 and self._current is not None:
+                self._paint(given[6:])
         elif name == self._vertex_name and given[::2] == XYZ:
             self._points.extend((float(given[1]), float(given[3]), float(given[5])))
         elif (handler := self._starts.get(name)) is not None:
@@ -179,6 +202,8 @@ class _Reader:
         self._starts = {
             f"{core}object": self._open_object, f"{core}vertex": self._vertex, f"{core}triangle": self._triangle,
             f"{core}component": self._component, f"{core}item": self._item, f"{BEAMS} beamlattice": self._beamlattice,
+            f"{core}basematerials": self._group, f"{core}base": self._base, f"{MATERIALS} colorgroup": self._group,
+            f"{MATERIALS} color": self._base,
             f"{BEAMS} beam": self._beam, f"{BALLS} ball": self._ball, f"{BEAMS} ball": self._ball,
         }  # fmt: skip
         given = _given(attributes)
@@ -196,7 +221,11 @@ class _Reader:
     def _open_object(self, attributes: list[str]) -> None:
         self.close_object()
         given = _given(attributes)
-        self._current = Object(given.get("type") or "model")
+        self._current = Object(
+            given.get("type") or "model",
+            name=given.get("name", ""),
+            colour=(given.get("pid", ""), given.get("pindex", "")),
+        )
         object_id = given.get("id", "")
         if object_id in self.model.objects:
             raise InputError(f"{self._part} has two objects {object_id[:40]}")
@@ -226,6 +255,23 @@ class _Reader:
     def _triangle(self, attributes: list[str]) -> None:
         given = _given(attributes)
         self._corners.extend(int(given[name]) for name in V123)
+        if self._current is not None:
+            self._paint(attributes)
+
+    def _paint(self, attributes: list[str]) -> None:
+        """The triangle that was read last may have a colour of its own: that of its first corner."""
+        given = _given(attributes)
+        if "p1" in given and self._current is not None:
+            self._current.painted.append(len(self._corners) // 3 - 1)
+            self._current.paints.append((given.get("pid", ""), given["p1"]))
+
+    def _group(self, attributes: list[str]) -> None:
+        self._colours = self.model.colours.setdefault(_given(attributes).get("id", ""), [])
+
+    def _base(self, attributes: list[str]) -> None:
+        given = _given(attributes)
+        value = (given.get("displaycolor") or given.get("color") or "")[1:7]
+        self._colours.append(int(value, 16) if HEX_COLOUR.fullmatch(value) else -1)
 
     def _component(self, attributes: list[str]) -> None:
         if self._current is not None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from layerfix.errors import InputError
 from layerfix.mesh.beams import solid_beams
+from layerfix.mesh.bodies import NO_COLOUR, Bodies
 from layerfix.mesh.model_3mf import Model, Object, Use, extension_name, parse_model
 from layerfix.mesh.package import Package
 from layerfix.mesh.reading import Read, several, unreadable
@@ -35,14 +36,19 @@ SOLID_TYPES = ("model", "solidsupport")  # section 4.1: the others must not be f
 
 Points = NDArray[np.float64]
 Faces = NDArray[np.int32]
+Numbers = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """Triangles on vertices of their own."""
+    """Triangles on vertices of their own; which of the bodies called `names` each is of, and its colour."""
 
     points: Points
     faces: Faces
+    of: Numbers
+    colours: Numbers
+    names: tuple[str, ...] = ("",)
+    items: tuple[int, ...] = (0,)  # of each body: those of one object, in one place, have the same
 
     def placed(self, matrices: NDArray[np.float64]) -> _Shape:
         """A copy for each of (k, 4, 3) matrices for row vectors; those that mirror turn the triangles over."""
@@ -50,10 +56,18 @@ class _Shape:
         points = (self.points @ matrices[:, :3] + matrices[:, 3:]).reshape(-1, 3)
         mirrored = np.linalg.det(matrices[:, :3]) < 0
         faces = np.where(mirrored[:, None, None], self.faces[:, ::-1], self.faces[None])
-        return _Shape(points, (faces + (n * np.arange(k, dtype=np.int32))[:, None, None]).reshape(-1, 3))
+        faces = (faces + (n * np.arange(k, dtype=np.int32))[:, None, None]).reshape(-1, 3)
+        of = (self.of + (len(self.names) * np.arange(k, dtype=np.int32))[:, None]).reshape(-1)
+        items = tuple(copy * (max(self.items) + 1) + item for copy in range(k) for item in self.items)
+        return _Shape(points, faces, of, np.tile(self.colours, k), self.names * k, items)
+
+    def as_one(self) -> _Shape:
+        """All bodies as those of one object."""
+        return replace(self, items=(0,) * len(self.names))
 
     def chosen(self, first: int, stop: int) -> _Shape:
-        return _Shape(self.points, self.faces[first:stop])
+        return _Shape(self.points, self.faces[first:stop], self.of[first:stop], self.colours[first:stop], self.names,
+                      self.items)  # fmt: skip
 
     def bounds(self) -> tuple[Points, Points]:
         used = self.points[self.faces.reshape(-1)]
@@ -64,7 +78,13 @@ class _Shape:
         return bool((low <= other_high).all() and (other_low <= high).all())
 
 
-NOTHING = _Shape(np.empty((0, 3)), np.empty((0, 3), np.int32))
+def _plain(points: Points, faces: Faces, name: str = "", colours: Numbers | None = None) -> _Shape:
+    """A shape of one body."""
+    colours = np.full(len(faces), NO_COLOUR, np.int32) if colours is None else colours
+    return _Shape(points, faces, np.zeros(len(faces), np.int32), colours, (name,))
+
+
+NOTHING = _plain(np.empty((0, 3)), np.empty((0, 3), np.int32))
 
 
 def _joined(shapes: Iterable[_Shape]) -> _Shape:
@@ -73,7 +93,16 @@ def _joined(shapes: Iterable[_Shape]) -> _Shape:
         return shapes[0] if shapes else NOTHING
     starts = np.cumsum([0, *(len(shape.points) for shape in shapes)], dtype=np.int64)
     faces = [shape.faces + np.int32(start) for shape, start in zip(shapes, starts[:-1], strict=True)]
-    return _Shape(np.concatenate([shape.points for shape in shapes]), np.concatenate(faces))
+    before = np.cumsum([0, *(len(shape.names) for shape in shapes)], dtype=np.int64)
+    items = np.cumsum([0, *(max(shape.items) + 1 for shape in shapes)]).tolist()
+    return _Shape(
+        np.concatenate([shape.points for shape in shapes]),
+        np.concatenate(faces),
+        np.concatenate([shape.of + np.int32(start) for shape, start in zip(shapes, before[:-1], strict=True)]),
+        np.concatenate([shape.colours for shape in shapes]),
+        tuple(name for shape in shapes for name in shape.names),
+        tuple(first + item for shape, first in zip(shapes, items, strict=False) for item in shape.items),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +182,18 @@ def read(path: Path) -> Read:
     if not len(whole.faces):
         notes = f" ({'; '.join(file.notes())})" if file.notes() else ""
         raise InputError(f"{path}: no triangles: the file has nothing to build{notes}")
-    return Read(Mesh(whole.points, whole.faces, path.name, tuple(file.notes()), tuple(parts)), file.unit)
+    apart = _bodies(whole) if not parts else None
+    return Read(Mesh(whole.points, whole.faces, path.name, tuple(file.notes()), tuple(parts), apart), file.unit)
+
+
+def _bodies(whole: _Shape) -> Bodies | None:
+    """The bodies that have triangles; None if there is one without colour."""
+    used, of = np.unique(whole.of, return_inverse=True)
+    if len(used) < 2 and (whole.colours == NO_COLOUR).all():
+        return None
+    names, items = ([each[k] for k in used] for each in (whole.names, whole.items))
+    return Bodies(of.astype(np.int32), tuple(names), tuple(np.unique(items, return_inverse=True)[1].tolist()),
+                  whole.colours)  # fmt: skip
 
 
 class _File:
@@ -246,6 +286,7 @@ class _File:
         if found.kind in SOLID_TYPES:
             self._left_out.update((f"{extension_name(uri)} of ", "object", "objects") for uri in found.foreign)
             solid = self._combined([*self._own(key, found, volumes), *self._of_components(found, volumes)])
+            solid = replace(solid, plain=solid.plain.as_one())
         else:
             self._left_out["", f"object of type '{found.kind[:40]}'", f"objects of type '{found.kind[:40]}'"] += 1
             solid = _Solid()
@@ -255,7 +296,7 @@ class _File:
 
     def _own(self, key: tuple[str, str], found: Object, volumes: Volumes) -> list[tuple[str, _Solid]]:
         """The object's own mesh, by its volumes, and its beams."""
-        mesh = _Shape(found.points, found.faces)
+        mesh = _plain(found.points, found.faces, found.name, self._model(key[0]).colours_of(found))
         pieces: list[tuple[str, _Solid]] = []
         at = 0
         for first, stop, kind in sorted(volumes.ranges, key=lambda volume: volume[0]):
@@ -282,13 +323,13 @@ class _File:
             self._left_out["", "beam shorter than minlength", "beams shorter than minlength"] += short
         mode, clip_id = found.lattice.clip
         if mode == "none":
-            return _Solid(united=_Shape(*shape))
+            return _Solid(united=_plain(*shape, found.name))
         clip = self._model(key[0]).objects.get(clip_id)
         if mode not in ("inside", "outside") or clip is None or not len(clip.faces):
             what = f"the beams of object {key[1][:40]} are clipped '{mode[:40]}' of the object '{clip_id[:40]}'"
             raise unreadable(self._path, "3MF", f"{what}, which has no mesh")
-        clips = ((_Shape(clip.points, clip.faces), mode == "inside"),)
-        return _Solid(clipped=(_Clipped(_Shape(*shape), True, clips),) if len(shape[1]) else ())
+        clips = ((_plain(clip.points, clip.faces), mode == "inside"),)
+        return _Solid(clipped=(_Clipped(_plain(*shape, found.name), True, clips),) if len(shape[1]) else ())
 
     def _of_components(self, found: Object, volumes: Volumes) -> list[tuple[str, _Solid]]:
         if not volumes.components:

@@ -11,8 +11,9 @@ from __future__ import annotations
 import base64
 import json
 import struct
+from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from layerfix.errors import InputError
 from layerfix.files import reading
+from layerfix.mesh.bodies import NO_COLOUR, Bodies, bodies_of, of_corners
 from layerfix.mesh.gltf_buffers import Buffers
 from layerfix.mesh.reading import MOST_TRIANGLES, Read, several, unreadable
 from layerfix.mesh.strips import fan_to_triangles, strips_to_triangles
@@ -44,6 +46,16 @@ MOST_USES = 1_000_000  # nodes and instances
 Shape = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 
+class Placed(NamedTuple):
+    """Triangles of one primitive in their place: those with the same `body` are of one node, or instance of it."""
+
+    points: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    body: int
+    name: str
+    colours: NDArray[np.int32]
+
+
 def recognises(head: bytes, size: int) -> bool:
     """GLB's magic word, or JSON with an "asset"."""
     return head[:4] == MAGIC or (head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{" and b'"asset"' in head)
@@ -56,12 +68,12 @@ def read(path: Path) -> Read:
     document, binary, notes = _document(path, data)
     try:
         scene = _Scene(path, document, binary)
-        vertices, faces = scene.shape()
+        vertices, faces, bodies = scene.shape()
     except (TypeError, AttributeError, LookupError, ValueError) as problem:
         # A document of the wrong shape: every value of it may be of any type.
         reason = " ".join(str(problem).split())[:120] or type(problem).__name__
         raise unreadable(path, "glTF", f"its document does not add up ({reason})") from problem
-    return Read(Mesh(vertices, faces.astype(np.int32), path.name, (*notes, *scene.notes())), "m")
+    return Read(Mesh(vertices, faces.astype(np.int32), path.name, (*notes, *scene.notes()), bodies=bodies), "m")
 
 
 def _document(path: Path, data: bytes) -> tuple[dict[str, Any], bytes | None, list[str]]:
@@ -148,18 +160,26 @@ class _Scene:
         with reading(target):
             return target.read_bytes()
 
-    def shape(self) -> Shape:
-        """(vertices in metres, z up; faces) of the scene."""
-        placed: list[Shape] = []
+    def shape(self) -> tuple[NDArray[np.float64], NDArray[np.int64], Bodies | None]:
+        """(vertices in metres, z up; faces; bodies) of the scene."""
+        placed: list[Placed] = []
         for node, matrix in self._nodes():
             placed += self._of_node(node, matrix)
         if not placed:
             only = self.notes()
             why = f" ({', '.join(only)})" if only else ""
             raise InputError(f"{self._path}: the mesh has no triangles{why}")
-        starts = np.cumsum([0, *(len(points) for points, _ in placed)])
-        faces = [triangles + start for (_, triangles), start in zip(placed, starts[:-1], strict=True)]
-        return np.concatenate([points for points, _ in placed]), np.concatenate(faces)
+        placed.sort(key=lambda one: one.body)
+        starts = np.cumsum([0, *(len(one.points) for one in placed)])
+        faces = [one.triangles + start for one, start in zip(placed, starts[:-1], strict=True)]
+        names = {one.body: one.name for one in placed}
+        count = Counter[int]()
+        for one in placed:
+            count[one.body] += len(one.triangles)
+        sizes = [count[body] for body in names]
+        colours = np.split(np.concatenate([one.colours for one in placed]), np.cumsum(sizes)[:-1])
+        bodies = bodies_of(sizes, list(names.values()), colours)
+        return np.concatenate([one.points for one in placed]), np.concatenate(faces), bodies
 
     def notes(self) -> list[str]:
         """What was left out, each with its number."""
@@ -189,7 +209,7 @@ class _Scene:
             todo += [(child, self._matrices[number]) for child in reversed(_list(nodes[number], "children"))]
         return found
 
-    def _of_node(self, node: dict[str, Any], matrix: NDArray[np.float64]) -> list[Shape]:
+    def _of_node(self, node: dict[str, Any], matrix: NDArray[np.float64]) -> list[Placed]:
         if "mesh" not in node:
             return []
         matrices = [matrix]
@@ -197,20 +217,36 @@ class _Scene:
         if instances is not None:
             matrices = [matrix @ local for local in self._instances(_dict(instances, "attributes"))]
         self._uses += len(matrices)
-        shapes = []
+        shapes, first = [], self._uses - len(matrices)
+        name = str(node.get("name") or _list(self._document, "meshes")[node["mesh"]].get("name") or "")[:200]
         for (points, triangles), primitive in self._mesh(node["mesh"], node.get("weights")):
+            colours = self._colours(primitive, triangles)
             self._triangles += len(matrices) * len(triangles)
             if self._uses > MOST_USES or self._triangles > MOST_TRIANGLES // 16:
                 raise unreadable(self._path, "glTF", f"its copies come to over {self._triangles} triangles")
             if "skin" in node:
-                shapes.append(
-                    (self._posed(points, primitive, _list(self._document, "skins")[node["skin"]]), triangles)
-                )
+                posed = self._posed(points, primitive, _list(self._document, "skins")[node["skin"]])
+                shapes.append(Placed(posed, triangles, first, name, colours))
                 continue
-            for m in matrices:
+            for k, m in enumerate(matrices):
                 turned = triangles[:, ::-1] if np.linalg.det(m[:3, :3]) < 0 else triangles
-                shapes.append((points @ m[:3, :3].T + m[:3, 3], turned))
+                shapes.append(Placed(points @ m[:3, :3].T + m[:3, 3], turned, first + k, name, colours))
         return shapes
+
+    def _colours(self, primitive: dict[str, Any], triangles: NDArray[np.int64]) -> NDArray[np.int32]:
+        """(m,) of the material's base colour times that of the vertices; textures are not looked at."""
+        materials = _list(self._document, "materials")
+        number = primitive.get("material")
+        material = materials[number] if number is not None else {}
+        factor = _list(_dict(material, "pbrMetallicRoughness"), "baseColorFactor")
+        own = _dict(primitive, "attributes").get("COLOR_0")
+        if own is None and not factor:
+            return np.full(len(triangles), NO_COLOUR, np.int32)
+        linear = np.array(factor[:3] or (1, 1, 1), np.float64)[None]
+        if own is not None:
+            linear = linear * self._buffers.values(own)[:, :3]
+            return of_corners(srgb(linear), triangles)
+        return of_corners(srgb(linear), np.zeros_like(triangles))
 
     def _instances(self, attributes: dict[str, Any]) -> list[NDArray[np.float64]]:
         """Matrices of the instances of a node (EXT_mesh_gpu_instancing)."""
@@ -291,6 +327,12 @@ class _Scene:
         if (total <= 0).any():
             raise ValueError("vertices of a skin that no joint moves")
         return posed / total
+
+
+def srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Colours as they are written elsewhere, from linear ones, as glTF has them (IEC 61966-2-1)."""
+    linear = linear.clip(0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def _local(node: dict[str, Any]) -> NDArray[np.float64]:

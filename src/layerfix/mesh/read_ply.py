@@ -13,6 +13,7 @@ import numpy as np
 
 from layerfix.errors import InputError
 from layerfix.files import reading
+from layerfix.mesh.bodies import bodies_of, of_corners
 from layerfix.mesh.reading import Read, fans, numbers, several, unreadable
 from layerfix.mesh.strips import strips_to_triangles
 from layerfix.mesh.triangles import Mesh
@@ -27,6 +28,7 @@ TYPES = {
     "float64": "f8",
 }  # fmt: skip
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+RGB = ("red", "green", "blue")
 INDICES = ("vertex_indices", "vertex_index")
 LONGEST_HEADER = 1 << 20
 
@@ -62,6 +64,7 @@ def read(path: Path) -> Read:
     order, elements, start = _header(path, data)
     body = _Words(data[start:]) if not order else _Bytes(data, start, order)
     vertices: NDArray[np.float64] | None = None
+    colours: NDArray[np.float64] | None = None
     triangles: list[NDArray[np.int64]] = []
     few = 0
     for element in elements:
@@ -69,7 +72,12 @@ def read(path: Path) -> Read:
         if element.name == "vertex":
             if not {"x", "y", "z"} <= set(names):
                 raise unreadable(path, "PLY", f"vertices have {', '.join(names) or 'no properties'}, not x, y and z")
-            vertices = body.scalars(element, ("x", "y", "z"))
+            coloured = set(RGB) <= set(names)
+            columns = body.scalars(element, ("x", "y", "z", *(RGB if coloured else ())))
+            vertices = np.ascontiguousarray(columns[:, :3])
+            if coloured:
+                whole = next(p.kind for p in element.properties if p.name == "red")[:1] in "iu"
+                colours = columns[:, 3:] / (255 if whole else 1)
         elif element.name in ("face", "tristrips") and (
             index := next((p.name for p in element.properties if p.name in INDICES and p.counted_by), None)
         ):
@@ -90,7 +98,8 @@ def read(path: Path) -> Read:
     notes = [f"{several(few, 'face')} of fewer than three corners left out"] if few else []
     if body.left():
         notes.append(f"{body.left()} after the last element left out")
-    return Read(Mesh(vertices, faces.astype(np.int32), path.name, tuple(notes)), None)
+    bodies = None if colours is None else bodies_of([len(faces)], [""], [of_corners(colours, faces)])
+    return Read(Mesh(vertices, faces.astype(np.int32), path.name, tuple(notes), bodies=bodies), None)
 
 
 def _header(path: Path, data: bytes) -> tuple[str, list[Element], int]:

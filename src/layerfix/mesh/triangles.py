@@ -16,6 +16,7 @@ import numpy as np
 
 from layerfix.errors import InputError, OutputError
 from layerfix.files import whole_file
+from layerfix.mesh.bodies import Bodies
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,6 +61,7 @@ class Mesh:
     name      what messages call it
     notes     what a user should know of how it was read: what was left out
     parts     faces that are sliced on their own, apart from each other
+    bodies    what the file keeps apart, and colours; None if it says nothing
     """
 
     vertices: NDArray[np.float64]
@@ -67,6 +69,7 @@ class Mesh:
     name: str = "mesh"
     notes: tuple[str, ...] = ()
     parts: tuple[Part, ...] = ()
+    bodies: Bodies | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError for wrong shapes, no triangles, and coordinates that are not finite."""
@@ -92,6 +95,8 @@ class Mesh:
         if not np.isfinite(vertices).all():
             bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
             raise InputError(f"{self.name}: {bad} of {len(vertices)} vertices are NaN or infinite")
+        if self.bodies is not None and not len(self.bodies.of) == len(self.bodies.colours) == len(faces):
+            raise InputError(f"{self.name}: {len(self.bodies.of)} triangles have a body, of {len(faces)}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
@@ -132,6 +137,17 @@ class Mesh:
         if rest.any():
             pieces.insert(0, (self.faces[rest], None))
         return [(faces, part) for faces, part in pieces if len(faces)]
+
+    def body_meshes(self) -> list[Mesh]:
+        """Each body as a mesh of its own, with its colours; the mesh itself if it has none."""
+        if self.bodies is None:
+            return [self]
+        found = []
+        for k, (name, item) in enumerate(zip(self.bodies.names, self.bodies.items, strict=True)):
+            mine = self.bodies.of == k
+            own = Bodies(np.zeros(int(mine.sum()), np.int32), (name,), (item,), self.bodies.colours[mine])
+            found.append(Mesh(self.vertices, self.faces[mine], name or self.name, bodies=own))
+        return found
 
     @property
     def size_mm(self) -> tuple[float, float, float]:

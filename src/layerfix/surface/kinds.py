@@ -134,7 +134,7 @@ def is_closed(mesh: Mesh) -> bool:
     """Whether all of a mesh is one closed 2-manifold, nothing cut out of it: then bodies can be united with it."""
     from layerfix.surface.solids import solid_of, welded
 
-    return not mesh.is_clipped and solid_of(*welded(mesh)) is not None
+    return not mesh.is_clipped and all(solid_of(*welded(one)) is not None for one in mesh.body_meshes())
 
 
 def _layers(stack: LayerStack, tolerance_mm: float | None, telling: Telling) -> Mesh:

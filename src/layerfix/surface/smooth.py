@@ -15,11 +15,14 @@ import numpy as np
 from layerfix.errors import InputError
 from layerfix.layers.correction import before, corrected_like, why_not_elsewhere
 from layerfix.layers.morphology import dilate
+from layerfix.mesh.bodies import NO_COLOUR
 from layerfix.mesh.slicing import plate_mm, slice_like
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import layer_maker
 from layerfix.surface.bodies import body_of, drawn_places, tiles
+from layerfix.surface.shares import Share, colour_of, shared_out
 from layerfix.surface.solids import (
+    colours_of,
     new_ident,
     simplified,
     solid_of,
@@ -187,21 +190,71 @@ def _levelled(z_mm: NDArray[np.float64], mesh: Mesh, fine: LayerStack) -> NDArra
 
 
 def joined(mesh: Mesh, bodies: list[manifold3d.Manifold], feature_mm: float) -> Smooth:
-    """The mesh and the bodies as one surface; bodies of a mesh that is not closed are shells of their own."""
+    """The mesh and the bodies as one surface; bodies of a mesh that is not closed are shells of their own.
+
+    A mesh of several bodies stays that: each added body becomes part of the one that it has most in common with.
+    """
+    if mesh.bodies is not None and bodies:
+        return _bodies_joined(mesh, bodies, feature_mm)
     ident = new_ident()
     whole = whole_solid(mesh, ident)
     if not bodies:
         return Smooth(mesh, np.ones(len(mesh.faces), np.bool_), whole is not None, 0)
     if whole is None:
-        return _beside(mesh, bodies)
+        return _beside(mesh, united(bodies), len(bodies))
     joined = without_pockets(united([whole, *bodies]), feature_mm**3 / 2, ident)
     vertices, faces, owner = triangles_of(joined)
     return Smooth(replace(mesh, vertices=vertices, faces=faces, parts=()), owner == ident, True, len(bodies))
 
 
-def _beside(mesh: Mesh, bodies: list[manifold3d.Manifold]) -> Smooth:
-    """The input as it is, and the bodies as shells of their own, which slicers unite."""
-    vertices, faces, _ = triangles_of(united(bodies))
+def _bodies_joined(mesh: Mesh, added: list[manifold3d.Manifold], feature_mm: float) -> Smooth:
+    """Each body of the mesh with its share; what is added has the colour of what it covers."""
+    assert mesh.bodies is not None
+    made, is_input, closed, count = [], [], True, 0
+    for share in shared_out(mesh.body_meshes(), united(added).decompose()):
+        found = _with_share(share, feature_mm)
+        made.append(found.mesh)
+        is_input.append(found.is_input)
+        closed &= found.closed
+        count += found.bodies
+    starts = np.cumsum([0, *(len(one.vertices) for one in made)])
+    faces = np.concatenate([one.faces + np.int32(start) for one, start in zip(made, starts[:-1], strict=True)])
+    colours = np.concatenate([one.bodies.colours for one in made if one.bodies is not None])
+    of = np.repeat(np.arange(len(made), dtype=np.int32), [len(one.faces) for one in made])
+    whole = replace(
+        mesh, vertices=np.concatenate([one.vertices for one in made]), faces=faces, parts=(),
+        bodies=replace(mesh.bodies, of=of, colours=colours),
+    )  # fmt: skip
+    return Smooth(whole, np.concatenate(is_input), closed, count)
+
+
+def _with_share(share: Share, feature_mm: float) -> Smooth:
+    """One body and what is added to it."""
+    mesh, bodies = share.mesh, share.mesh.bodies
+    assert bodies is not None
+    if not share.added:
+        return Smooth(mesh, np.ones(len(mesh.faces), np.bool_), share.solid is not None, 0)
+    added = [one.as_original() for one in share.added]
+    chosen = {one.original_id(): colour_of(share, one) for one in added}
+    if share.solid is None:
+        shells = united(added)
+        found = _beside(replace(mesh, bodies=None), shells, len(added))
+        owner = np.concatenate([np.zeros(len(mesh.faces), np.uint32), triangles_of(shells)[2]])
+        colours = np.concatenate([bodies.colours, np.full(shells.num_tri(), NO_COLOUR, np.int32)])
+    else:
+        solid = without_pockets(united([share.solid, *added]), feature_mm**3 / 2, share.ident)
+        vertices, triangles, owner = triangles_of(solid)
+        colours = colours_of(solid)
+        found = Smooth(Mesh(vertices, triangles, mesh.name), owner == share.ident, True, len(added))
+    for ident, colour in chosen.items():
+        colours[owner == ident] = colour
+    own = replace(bodies, of=np.zeros(len(colours), np.int32), colours=colours)
+    return replace(found, mesh=replace(found.mesh, bodies=own))
+
+
+def _beside(mesh: Mesh, shells: manifold3d.Manifold, count: int) -> Smooth:
+    """The input as it is, and `count` united bodies as shells of their own, which slicers unite."""
+    vertices, faces, _ = triangles_of(shells)
     both = np.concatenate([mesh.vertices, vertices]), np.concatenate([mesh.faces, faces + len(mesh.vertices)])
     is_input = np.arange(len(both[1])) < len(mesh.faces)
-    return Smooth(replace(mesh, vertices=both[0], faces=both[1].astype(np.int32)), is_input, False, len(bodies))
+    return Smooth(replace(mesh, vertices=both[0], faces=both[1].astype(np.int32)), is_input, False, count)

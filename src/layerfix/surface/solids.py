@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import manifold3d
 import numpy as np
 
+from layerfix.mesh.bodies import NO_COLOUR
 from layerfix.mesh.triangles import Mesh
 
 if TYPE_CHECKING:
@@ -19,14 +20,20 @@ if TYPE_CHECKING:
     Faces = NDArray[np.int32]
 
 
-def solid_of(vertices: Floats, faces: Faces, ident: int | None = None) -> manifold3d.Manifold | None:
+def solid_of(
+    vertices: Floats, faces: Faces, ident: int | None = None, colours: NDArray[np.int32] | None = None
+) -> manifold3d.Manifold | None:
     """A closed surface, counter-clockwise from outside; None if it is not a 2-manifold.
 
-    ident  a number from `new_ident`, by which its triangles are known later
+    ident    a number from `new_ident`, by which its triangles are known later
+    colours  (m,) of triangles, from NO_COLOUR on: what is cut of one keeps it
     """
-    known = {} if ident is None else {
-        "run_index": np.array([0, 3 * len(faces)], np.uint64), "run_original_id": np.array([ident], np.uint32)
-    }  # fmt: skip
+    known: dict[str, NDArray[np.generic]] = {}
+    if ident is not None:
+        known["run_index"] = np.array([0, 3 * len(faces)], np.uint64)
+        known["run_original_id"] = np.array([ident], np.uint32)
+    if colours is not None:
+        known["face_id"] = (colours.astype(np.int64) - NO_COLOUR).astype(np.uint64)
     mesh = manifold3d.Mesh64(
         vert_properties=np.ascontiguousarray(vertices), tri_verts=faces.astype(np.uint64), **known
     )
@@ -39,7 +46,8 @@ def whole_solid(mesh: Mesh, ident: int | None = None) -> manifold3d.Manifold | N
 
     Shells that overlap are united: slic3r 1.3 drops layers of others, and a union says what is inside.
     """
-    solid = solid_of(*welded(mesh), ident)
+    vertices, faces, kept = _welded(mesh)
+    solid = solid_of(vertices, faces, ident, None if mesh.bodies is None else mesh.bodies.colours[kept])
     if solid is None:
         return None
     shells = solid.decompose()
@@ -74,6 +82,11 @@ def without_pockets(solid: manifold3d.Manifold, least_mm3: float, ident: int) ->
     return manifold3d.Manifold.compose([part for part in parts if id(part) not in gone])
 
 
+def colours_of(solid: manifold3d.Manifold) -> NDArray[np.int32]:
+    """(m,) colours of the triangles that `triangles_of` gives, where they had some."""
+    return (np.asarray(solid.to_mesh64().face_id).astype(np.int64) + NO_COLOUR).astype(np.int32)
+
+
 def triangles_of(solid: manifold3d.Manifold) -> tuple[Floats, Faces, NDArray[np.uint32]]:
     """((n, 3) vertices, (m, 3) faces, (m,) ident of each)."""
     mesh = solid.to_mesh64()
@@ -84,7 +97,12 @@ def triangles_of(solid: manifold3d.Manifold) -> tuple[Floats, Faces, NDArray[np.
 
 def welded(mesh: Mesh) -> tuple[Floats, Faces]:
     """Vertices that are equal to the bit as one, without triangles that then have no area."""
+    return _welded(mesh)[:2]
+
+
+def _welded(mesh: Mesh) -> tuple[Floats, Faces, NDArray[np.bool_]]:
+    """`welded`, and (m,) which triangles are left."""
     vertices, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
     faces = number.reshape(-1)[mesh.faces]
     keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return vertices, np.ascontiguousarray(faces[keep], np.int32)
+    return vertices, np.ascontiguousarray(faces[keep], np.int32), keep

@@ -15,25 +15,25 @@ import numpy as np
 
 from layerfix.errors import OutputError
 from layerfix.files import whole_file
-from layerfix.formats.solid.package_3mf import Body, write_3mf, write_coloured_3mf
-from layerfix.mesh.triangles import save_stl, stl_header, stl_triangles
+from layerfix.formats.solid.package_3mf import Body, write_3mf, write_bodies_3mf
+from layerfix.mesh.bodies import NO_COLOUR, Bodies, apart_by_colour
+from layerfix.mesh.slicing import sliced_mesh
+from layerfix.mesh.triangles import Mesh, save_stl, stl_header, stl_triangles
 
 if TYPE_CHECKING:
     from layerfix.formats.options import SurfaceOptions, WriteOptions
-    from layerfix.mesh.triangles import Mesh
     from layerfix.outlines.slabs import Slab
     from layerfix.stack import LayerStack
     from layerfix.surface.kinds import Kind
 
 MAX_STL_TRIANGLES = 2**32 - 1
 ADDED, REMOVED = 0xD62728, 0x1F77B4  # red and blue, told apart by colour-blind people, too
-GLTF_FROM_MM = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])  # metres, y up
 
 
 def write_stl(path: Path, stack: LayerStack, options: SurfaceOptions) -> None:
     """Binary STL; of layers, triangle by triangle as they come."""
     _check_colours(path, options)
-    kind = _kind(stack, options)
+    kind = _chosen(stack, options)
     if kind != "layers":
         write_mesh_stl(path, _made(path, stack, kind, options), options)
         return
@@ -50,89 +50,115 @@ def write_stl(path: Path, stack: LayerStack, options: SurfaceOptions) -> None:
 
 
 def write_model_3mf(path: Path, stack: LayerStack, options: SurfaceOptions) -> None:
-    """3MF, one object; a printer's slicer places it where the part was."""
-    kind = _kind(stack, options)
-    if options.only_changes:
-        write_coloured_3mf(path, _changes(path, stack, options), force=options.force)
-    elif kind == "layers":
+    """3MF: one object, or those of the mesh, with their colours; a printer's slicer places them where they were."""
+    kind = _chosen(stack, options)
+    if kind == "layers" and not options.only_changes:
         parts = ((slab.vertices, slab.faces) for slab in _watched(path, stack, options))
         write_3mf(path, parts, force=options.force)
     else:
-        write_mesh_3mf(path, _made(path, stack, kind, options), options)
+        write_mesh_3mf(path, _surface(path, stack, kind, options), options)
 
 
 def write_obj(path: Path, stack: LayerStack, options: SurfaceOptions) -> None:
     """Wavefront OBJ, in mm."""
     _check_colours(path, options)
-    write_mesh_obj(path, _made(path, stack, _kind(stack, options), options), options)
+    write_mesh_obj(path, _made(path, stack, _chosen(stack, options), options), options)
 
 
 def write_ply(path: Path, stack: LayerStack, options: SurfaceOptions) -> None:
-    """Binary PLY, in mm; what was added and removed with a colour at each vertex."""
-    if not options.only_changes:
-        write_mesh_ply(path, _made(path, stack, _kind(stack, options), options), options)
-        return
-    import trimesh
-
-    bodies = _changes(path, stack, options)
-    colours = [np.full((len(b.vertices), 4), (*_rgb(b.colour), 255), np.uint8) for b in bodies]
-    meshes = [
-        trimesh.Trimesh(b.vertices, b.faces, vertex_colors=colour, process=False)
-        for b, colour in zip(bodies, colours, strict=True)
-    ]
-    _export(path, trimesh.util.concatenate(meshes), "ply", options)
+    """Binary PLY, in mm, with a colour at each vertex if there are any."""
+    write_mesh_ply(path, _surface(path, stack, _chosen(stack, options), options), options)
 
 
 def write_glb(path: Path, stack: LayerStack, options: SurfaceOptions) -> None:
     """glTF 2.0 in one file, in metres and with y up, as the standard has it."""
-    if not options.only_changes:
-        write_mesh_glb(path, _made(path, stack, _kind(stack, options), options), options)
-        return
-    import trimesh
-
-    scene = trimesh.Scene()
-    for body in _changes(path, stack, options):
-        material = trimesh.visual.material.PBRMaterial(  # type: ignore[no-untyped-call]  # trimesh has no types there
-            name=body.name, baseColorFactor=(*_rgb(body.colour), 255)
-        )
-        mesh = trimesh.Trimesh(body.vertices, body.faces, process=False)
-        mesh.visual = trimesh.visual.TextureVisuals(material=material)  # type: ignore[no-untyped-call]
-        scene.add_geometry(mesh, geom_name=body.name, node_name=body.name)
-    _export_glb(path, scene, options)
+    write_mesh_glb(path, _surface(path, stack, _chosen(stack, options), options), options)
 
 
 def write_mesh_stl(path: Path, mesh: Mesh, options: WriteOptions) -> None:
-    """A mesh as it is, binary STL."""
+    """A mesh as it is, binary STL, which holds neither bodies nor colours: that is told."""
+    if mesh.bodies is not None:
+        _tell_of_loss(options, mesh, "STL", bodies=True, colours=True)
     save_stl(path, mesh, force=options.force)
 
 
 def write_mesh_3mf(path: Path, mesh: Mesh, options: WriteOptions) -> None:
-    """A mesh as it is, at its place. Raises OutputError for one with parts that are cut out."""
+    """A mesh as it is, at its place, with its bodies. Raises OutputError for one with parts that are cut out."""
     check_whole(path, mesh)
-    write_3mf(path, [(mesh.vertices, mesh.faces.astype(np.int64))], force=options.force)
+    if mesh.bodies is None:
+        write_3mf(path, [(mesh.vertices, mesh.faces.astype(np.int64))], force=options.force)
+    else:
+        write_bodies_3mf(path, _bodies(mesh), force=options.force)
 
 
 def write_mesh_obj(path: Path, mesh: Mesh, options: WriteOptions) -> None:
-    """A mesh as it is, Wavefront OBJ: every number as exact as it is known. Raises OutputError as for .3mf."""
+    """A mesh as it is, Wavefront OBJ: every number as exact as it is known. Raises OutputError as for .3mf.
+
+    Bodies are objects; colours stand beside the vertices, as MeshLab writes and Blender reads them.
+    """
     check_whole(path, mesh)
     with whole_file(path, force=options.force) as file:
         file.write(b"# written by layerfix, in mm\n")
-        for x, y, z in mesh.vertices.tolist():
-            file.write(f"v {x!r} {y!r} {z!r}\n".encode())
-        for a, b, c in (mesh.faces + 1).tolist():
-            file.write(f"f {a} {b} {c}\n".encode())
+        first = 1
+        for body in _bodies(mesh):
+            vertices, faces, beside = body.vertices, body.faces.astype(np.int32), [""] * len(body.vertices)
+            if (body.colours != NO_COLOUR).any():
+                vertices, faces, rgb = apart_by_colour(vertices, faces, body.colours)
+                beside = [f" {r:.4f} {g:.4f} {b:.4f}" for r, g, b in (rgb / 255).tolist()]
+            if mesh.bodies is not None:
+                file.write(f"o {' '.join(body.name.split()) or 'body'}\n".encode())
+            for (x, y, z), colour in zip(vertices.tolist(), beside, strict=True):
+                file.write(f"v {x!r} {y!r} {z!r}{colour}\n".encode())
+            for a, b, c in (faces + first).tolist():
+                file.write(f"f {a} {b} {c}\n".encode())
+            first += len(vertices)
 
 
 def write_mesh_ply(path: Path, mesh: Mesh, options: WriteOptions) -> None:
-    """A mesh as it is. Raises OutputError for one with parts that are cut out."""
-    _export(path, _for_export(path, mesh), "ply", options)
+    """A mesh as it is, with its colours. Raises OutputError for one with parts that are cut out."""
+    import trimesh
+
+    check_whole(path, mesh)
+    looks: dict[str, Any] = {}
+    vertices, faces = mesh.vertices, mesh.faces
+    if mesh.bodies is not None:
+        _tell_of_loss(options, mesh, "PLY", bodies=True, colours=False)
+        if mesh.bodies.has_colours:
+            vertices, faces, rgb = apart_by_colour(vertices, faces, mesh.bodies.colours)
+            looks["vertex_colors"] = np.column_stack([rgb, np.full(len(rgb), 255, np.uint8)])
+    data: Any = trimesh.Trimesh(vertices, faces, process=False, **looks).export(file_type="ply")
+    with whole_file(path, force=options.force) as file:
+        file.write(data)
 
 
 def write_mesh_glb(path: Path, mesh: Mesh, options: WriteOptions) -> None:
     """A mesh as it is, in metres, y up. Raises OutputError for one with parts that are cut out."""
-    import trimesh
+    from layerfix.formats.solid.glb import glb_of
 
-    _export_glb(path, trimesh.Scene(_for_export(path, mesh)), options)
+    check_whole(path, mesh)
+    data = glb_of(_bodies(mesh))
+    with whole_file(path, force=options.force) as file:
+        file.write(data)
+
+
+def _bodies(mesh: Mesh) -> list[Body]:
+    """Each with vertices of its own."""
+    found = []
+    for one in mesh.body_meshes():
+        own, bodies = one.faces.astype(np.int64), one.bodies
+        colours = np.full(len(own), NO_COLOUR, np.int32) if bodies is None else bodies.colours
+        name = mesh.name if bodies is None else bodies.names[0]
+        found.append(Body(name, one.vertices, own, colours, 0 if bodies is None else bodies.items[0]))
+    return found
+
+
+def _tell_of_loss(options: WriteOptions, mesh: Mesh, kind: str, *, bodies: bool, colours: bool) -> None:
+    """A sentence on what a file of this kind does not hold."""
+    assert mesh.bodies is not None
+    lost = [f"its {len(mesh.bodies.names)} bodies"] if bodies and len(mesh.bodies.names) > 1 else []
+    lost += ["colours"] if colours and mesh.bodies.has_colours else []
+    if lost and options.tell is not None:
+        options.tell(f"{mesh.name}: {' and '.join(lost)} are not kept apart in {kind}; .3mf, .glb and .obj do")
 
 
 def check_whole(path: Path, mesh: Mesh) -> None:
@@ -144,14 +170,27 @@ def check_whole(path: Path, mesh: Mesh) -> None:
         )
 
 
-def _kind(stack: LayerStack, options: SurfaceOptions) -> Kind:
+def _chosen(stack: LayerStack, options: SurfaceOptions) -> Kind:
+    """The kind of surface; what it does not keep of the input is told."""
     from layerfix.surface.kinds import usual_kind
 
     if options.only_changes and options.surface not in (None, "voxels"):
         raise OutputError(f"only changes: they are voxels; surface '{options.surface}' does not go with them")
     if options.smooth and options.surface not in (None, "voxels"):
         raise OutputError(f"smoothing is of the surface of voxels; that of {options.surface} is as it is")
-    return options.surface or ("voxels" if options.smooth else usual_kind(stack))
+    kind = options.surface or ("voxels" if options.smooth else usual_kind(stack))
+    mesh = sliced_mesh(stack)
+    if (
+        kind != "smooth"
+        and mesh is not None
+        and mesh.bodies is not None
+        and options.tell
+        and not options.only_changes
+    ):
+        count = len(mesh.bodies.names)
+        what = f"its {count} bodies become one surface" if count > 1 else "it loses its colours"
+        options.tell(f"{mesh.name}: {what}; --surface smooth keeps them")
+    return kind
 
 
 def _check_colours(path: Path, options: SurfaceOptions) -> None:
@@ -175,42 +214,34 @@ def _made(path: Path, stack: LayerStack, kind: Kind, options: SurfaceOptions) ->
     return found.mesh
 
 
-def _changes(path: Path, stack: LayerStack, options: SurfaceOptions) -> list[Body]:
-    """What was added and what was removed. Raises OutputError if nothing was."""
+def _surface(path: Path, stack: LayerStack, kind: Kind, options: SurfaceOptions) -> Mesh:
+    """All of it, or what was changed."""
+    return _changes(path, stack, options) if options.only_changes else _made(path, stack, kind, options)
+
+
+def _changes(path: Path, stack: LayerStack, options: SurfaceOptions) -> Mesh:
+    """What was added and what was removed, as bodies in colours. Raises OutputError if nothing was."""
     from layerfix.surface.kinds import Telling, changes
 
     silent = Telling()
-    added, removed = changes(stack, Telling(options.watch or silent.watch), smooth=bool(options.smooth),
-                             tolerance_mm=options.tolerance_mm)  # fmt: skip
-    named = (("added", ADDED, added), ("removed", REMOVED, removed))
-    bodies = [Body(name, colour, mesh.vertices, mesh.faces.astype(np.int64)) for name, colour, mesh in named if mesh]
-    if not bodies:
+    found = changes(stack, Telling(options.watch or silent.watch), smooth=bool(options.smooth),
+                    tolerance_mm=options.tolerance_mm)  # fmt: skip
+    named = [
+        (*look, mesh) for look, mesh in zip((("added", ADDED), ("removed", REMOVED)), found, strict=True) if mesh
+    ]
+    if not named:
         raise OutputError(f"{path}: nothing was added or removed, so there are no changes to write")
-    return bodies
-
-
-def _rgb(colour: int) -> tuple[int, int, int]:
-    return colour >> 16, colour >> 8 & 255, colour & 255
-
-
-def _for_export(path: Path, mesh: Mesh) -> Any:
-    import trimesh
-
-    check_whole(path, mesh)
-    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-
-
-def _export(path: Path, mesh: Any, kind: str, options: WriteOptions) -> None:
-    data = mesh.export(file_type=kind)
-    with whole_file(path, force=options.force) as file:
-        file.write(data.encode() if isinstance(data, str) else data)
-
-
-def _export_glb(path: Path, scene: Any, options: WriteOptions) -> None:
-    scene.apply_transform(GLTF_FROM_MM)
-    data = scene.export(file_type="glb")
-    with whole_file(path, force=options.force) as file:
-        file.write(data)
+    sizes = [len(mesh.faces) for _, _, mesh in named]
+    starts = np.cumsum([0, *(len(mesh.vertices) for _, _, mesh in named)])
+    looks = Bodies(
+        np.repeat(np.arange(len(named), dtype=np.int32), sizes),
+        tuple(name for name, _, _ in named),
+        tuple(range(len(named))),
+        np.repeat(np.array([colour for _, colour, _ in named], np.int32), sizes),
+    )
+    faces = [mesh.faces + np.int32(start) for (_, _, mesh), start in zip(named, starts[:-1], strict=True)]
+    return Mesh(np.concatenate([mesh.vertices for _, _, mesh in named]), np.concatenate(faces), "changes",
+                bodies=looks)  # fmt: skip
 
 
 def _watched(path: Path, stack: LayerStack, options: SurfaceOptions) -> Iterator[Slab]:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, NamedTuple
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -41,12 +42,17 @@ AT_ONCE = 65536  # vertices or triangles turned into text together
 
 
 class Body(NamedTuple):
-    """A closed surface of one colour, 0xRRGGBB."""
+    """A surface with a name.
+
+    colours  0xRRGGBB of each triangle, below 0 for none
+    item     bodies with the same number are parts of one object
+    """
 
     name: str
-    colour: int
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
+    colours: NDArray[np.int32]
+    item: int = 0
 
 
 def write_3mf(
@@ -70,19 +76,48 @@ def write_3mf(
         model.write(f'<item objectid="1" transform="1 0 0 0 1 0 0 0 1 {place}"/></build>\n</model>\n'.encode())
 
 
-def write_coloured_3mf(path: Path, bodies: Sequence[Body], *, force: bool) -> None:
-    """Write objects of one colour each, in their places. Raises OutputError for what the system refuses."""
+def write_bodies_3mf(path: Path, bodies: Sequence[Body], *, force: bool) -> None:
+    """Write objects in their places, each with its parts, their names and colours (core specification, section 5).
+
+    Raises OutputError for what the system refuses.
+    """
+    palette = sorted({int(c) for body in bodies for c in np.unique(body.colours) if c >= 0})
+    place = {colour: n for n, colour in enumerate(palette)}
+    objects = {body.item: [n for n, b in enumerate(bodies) if b.item == body.item] for body in bodies}
     with _package(path, force, {}) as model:
         model.write(MODEL_HEAD.encode())
-        bases = "".join(f'<base name="{b.name}" displaycolor="#{b.colour:06X}"/>' for b in bodies)
-        model.write(f'<basematerials id="1">{bases}</basematerials>\n'.encode())
+        if palette:
+            bases = "".join(f'<base name="#{c:06X}" displaycolor="#{c:06X}"/>' for c in palette)
+            model.write(f'<basematerials id="1">{bases}</basematerials>\n'.encode())
         for n, body in enumerate(bodies):
-            head = f'<object id="{n + 2}" type="model" name="{body.name}" pid="1" pindex="{n}"><mesh>\n<vertices>\n'
+            usual = _usual(body.colours)
+            looks = f' pid="1" pindex="{place[usual]}"' if usual >= 0 else ""
+            head = f'<object id="{n + 2}" type="model" name={_quoted(body.name)}{looks}><mesh>\n<vertices>\n'
             model.write(head.encode())
-            _write_mesh(model, [(body.vertices, body.faces)])
+            paint = np.array([place.get(int(c), -1) if c != usual else -1 for c in body.colours]) if palette else None
+            _write_mesh(model, [(body.vertices, body.faces)], paint)
             model.write(b"</mesh></object>\n")
-        items = "".join(f'<item objectid="{n + 2}"/>' for n in range(len(bodies)))
-        model.write(f"</resources>\n<build>{items}</build>\n</model>\n".encode())
+        items = []
+        for number, parts in enumerate(objects.values(), len(bodies) + 2):
+            items.append(parts[0] + 2 if len(parts) == 1 else number)
+            if len(parts) > 1:
+                components = "".join(f'<component objectid="{n + 2}"/>' for n in parts)
+                model.write(
+                    f'<object id="{number}" type="model"><components>{components}</components></object>'.encode()
+                )
+        build = "".join(f'<item objectid="{number}"/>' for number in items)
+        model.write(f"</resources>\n<build>{build}</build>\n</model>\n".encode())
+
+
+def _usual(colours: NDArray[np.int32]) -> int:
+    """The commonest colour, or below 0: one with triangles that have none has no colour as a whole."""
+    each, count = np.unique(colours, return_counts=True)
+    return int(each[count.argmax()]) if each[0] >= 0 else -1
+
+
+def _quoted(name: str) -> str:
+    """As the value of an attribute: what XML cannot hold is left out."""
+    return quoteattr("".join(c for c in name if c.isprintable()))
 
 
 @contextmanager
@@ -97,8 +132,12 @@ def _package(path: Path, force: bool, attachments: Mapping[str, str]) -> Iterato
             z.writestr(_entry(name), content)
 
 
-def _write_mesh(model: IO[bytes], parts: Iterable[tuple[NDArray[np.float64], NDArray[np.int64]]]) -> None:
-    """Vertices as they come, then the triangles."""
+def _write_mesh(
+    model: IO[bytes],
+    parts: Iterable[tuple[NDArray[np.float64], NDArray[np.int64]]],
+    paint: NDArray[np.int64] | None = None,
+) -> None:
+    """Vertices as they come, then the triangles; paint: which base material each has, below 0 for the object's."""
     faces: list[NDArray[np.int64]] = []
     count = 0
     for vertices, triangles in parts:
@@ -110,8 +149,14 @@ def _write_mesh(model: IO[bytes], parts: Iterable[tuple[NDArray[np.float64], NDA
     model.write(b"</vertices>\n<triangles>\n")
     for part in faces:
         for k in range(0, len(part), AT_ONCE):
-            text = '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(part[k : k + AT_ONCE])
-            model.write((text % tuple(part[k : k + AT_ONCE].ravel().tolist())).encode())
+            own = None if paint is None else paint[k : k + AT_ONCE]
+            if own is None or (own < 0).all():
+                text = '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(part[k : k + AT_ONCE])
+                model.write((text % tuple(part[k : k + AT_ONCE].ravel().tolist())).encode())
+                continue
+            for (a, b, c), p in zip(part[k : k + AT_ONCE].tolist(), own.tolist(), strict=True):
+                looks = f' pid="1" p1="{p}"' if p >= 0 else ""
+                model.write(f'<triangle v1="{a}" v2="{b}" v3="{c}"{looks}/>\n'.encode())
     model.write(b"</triangles>\n")
 
 
