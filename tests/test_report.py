@@ -27,6 +27,7 @@ from layerfix.bits import pack
 from layerfix.errors import InputError
 from layerfix.layers.verdict import judge
 from layerfix.report import collect as collecting
+from layerfix.report import places as listing
 from layerfix.report.bodies import body
 from layerfix.report.collect import About, collect
 from layerfix.report.page import page_of, show
@@ -166,15 +167,32 @@ def test_what_is_too_much_is_sampled_and_said(stacks, monkeypatch):
     assert len(collect(before, after, About("part")).meta["layers"]["shown"]) < 4
 
 
-def test_places_that_are_too_many_are_counted(stacks, monkeypatch):
+def test_places_that_are_too_many_are_counted(monkeypatch):
     """Each kind has its share of the table."""
-    monkeypatch.setattr(collecting, "MOST_OF_A_KIND", 2)
-    before, after = stacks
-    verdicts = tuple(judge(before, min_feature_mm=0.8))
-    meta = collect(before, after, About("part", feature_mm=0.8, verdicts=verdicts)).meta
+    images = np.zeros((4, 40, 60), bool)
+    images[:, 5:35, 5:55:12] = True
+    stack = lf.LayerStack.from_images(images, pixel_mm=0.1, layer_mm=0.1)
+    verdicts = tuple(judge(stack, min_feature_mm=0.8))
+    monkeypatch.setattr(listing, "MOST_OF_A_KIND", 2)
+    meta = collect(stack, stack, About("part", feature_mm=0.8, verdicts=verdicts)).meta
     kinds = [place["kind"] for place in meta["places"]]
-    assert max(map(kinds.count, kinds)) == 2
-    assert meta["more_places"]["lost"] == sum(len(one.lost) for one in verdicts) - 2
+    assert kinds.count("lost") == 2
+    assert meta["more_places"] == {"lost": 3}  # of 5 walls in 4 layers each
+
+
+def test_what_goes_on_from_layer_to_layer_is_one_row():
+    """Two walls, one of which is interrupted for a layer and leans: three rows, each with where it is worst."""
+    images = np.zeros((9, 40, 60), bool)
+    images[:, 5:35, 10:12] = True  # upright
+    for k in (0, 1, 2, 3, 5, 6, 7, 8):  # leans by two pixels a layer
+        images[k, 5:35, 30 + 2 * k : 33 + 2 * k] = True
+    images[2, 5:38, 10:12] = True  # longest here
+    stack = lf.LayerStack.from_images(images, pixel_mm=0.1, layer_mm=0.1)
+    verdicts = tuple(judge(stack, min_feature_mm=0.8))
+    meta = collect(stack, lf.correct(stack, min_feature_mm=0.8), About("walls", verdicts=verdicts)).meta
+    lost = [place for place in meta["places"] if place["kind"] == "lost"]
+    assert sorted(tuple(place["layers"]) for place in lost) == [(0, 3), (0, 8), (5, 8)]
+    assert next(place for place in lost if place["layers"] == [0, 8])["layer"] == 2
 
 
 def test_layers_of_another_file_are_compared():

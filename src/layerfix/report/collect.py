@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -14,9 +13,9 @@ import numpy as np
 from layerfix import __version__
 from layerfix.errors import InputError
 from layerfix.layers.topology import changes_of_rows
-from layerfix.layers.verdict import narrowest_place
 from layerfix.mesh.slicing import plate_mm, sliced_mesh
 from layerfix.report.bodies import MOST_TRIANGLES, body, reduced_body
+from layerfix.report.places import LayersSeen, places_of
 from layerfix.report.spans import CHUNK_LAYERS, Window, encoded, spans_of, window_of
 from layerfix.units import format_mm
 
@@ -36,8 +35,6 @@ MOST_LAYERS = 1500  # shown; of more, every second, third, …
 MOST_PX = 4_000_000  # of a shown layer: a screen has two million
 MOST_SPANS = 30_000_000  # kept in memory, 12 bytes each; beyond it fewer layers are shown
 AIR_PX = 12
-WORST = 12  # layers whose narrowest place is looked up
-MOST_OF_A_KIND = 40  # places of a kind in the table; how many more there are is said
 Progress = Callable[[int, int], None]
 
 
@@ -148,7 +145,8 @@ def collect(
     added, removed = ((np.array(px) * heights * pixel_mm2) for px in (seen.added_px, seen.removed_px))
     changes = [layer.change for layer in seen.bare]
     thinnest = _thinnest(seen, about)
-    places, more = _places(before, seen, about)
+    layers = LayersSeen(seen.bare, seen.topology, thinnest, about.verdicts)
+    places, more = places_of(before, layers, about.feature_mm)
     meta = {
         "format": "layerfix-report",
         "version": VERSION,
@@ -306,66 +304,8 @@ def _summary(
     yield "removed", f"{removed.sum():.4g} mm³"
 
 
-def _places(stack: LayerStack, seen: _Seen, about: About) -> tuple[list[dict[str, Any]], dict[str, int]]:
-    """(what is worth a look, the worst first: kind, layer, box, what to say of it; how many more of each kind)."""
-    found: list[dict[str, Any]] = []
-    at = {z: k for k, z in enumerate(stack.z_mm[:, 0].round(6).tolist())}
-
-    def place(kind: str, layer: int, box: Sequence[float], text: str, order: tuple[float, ...]) -> None:
-        found.append({"kind": kind, "layer": layer, "box_mm": [round(v, 4) for v in box], "text": text,
-                      "order": order})  # fmt: skip
-
-    def layer_at(z_mm: tuple[float, float]) -> int:
-        return at.get(round(z_mm[0], 6), 0)
-
-    if about.feature_mm is not None:
-        thinnest = _thinnest(seen, about)
-        for k in _apart(thinnest):
-            spot = narrowest_place(stack, k, min_feature_mm=about.feature_mm, of_void=False)
-            width = thinnest[k]
-            if spot is not None and width is not None:
-                place("thin", k, spot.box_mm, f"{format_mm(round(width, 4))} wide", (0, width))
-    for k, layer in enumerate(seen.bare):
-        change = layer.change
-        for one in seen.topology[k]:
-            count = f"{one.count} parts" if one.kind == "merged" else f"{one.area_mm2:.3g} mm²"
-            place(one.kind, k, one.box_mm, count, (1, -one.area_mm2))
-        for one in change.conflicts if change is not None else ():
-            place("conflict", k, one.box_mm, f"{format_mm(round(one.width_mm, 4))} wide", (2, one.width_mm))
-        if layer.sheet_px:
-            place("sheet", k, (), "thinner than a layer, drawn a layer thick", (4, -layer.sheet_px))
-        if layer.sheets_lost:
-            place("sheet", k, (), f"{layer.sheets_lost} thinner than a quarter of a layer, left out", (3, 0))
-    for verdict in about.verdicts:
-        for kind, places in (("lost", verdict.lost), ("island", verdict.islands), ("speck", verdict.alone)):
-            for found_at in places:
-                text = f"{found_at.area_mm2:.3g} mm²"
-                place(kind, layer_at(found_at.z_mm), found_at.box_mm, text, (3, -found_at.area_mm2))
-    found.sort(key=lambda one: one["order"])
-    kept: list[dict[str, Any]] = []
-    counts: Counter[str] = Counter()
-    for row in found:
-        counts[row["kind"]] += 1
-        if counts[row["kind"]] <= MOST_OF_A_KIND:
-            kept.append({name: value for name, value in row.items() if name != "order"})
-    return kept, {kind: count - MOST_OF_A_KIND for kind, count in counts.items() if count > MOST_OF_A_KIND}
-
-
 def _thinnest(seen: _Seen, about: About) -> list[float | None]:
     """Of every layer the width at its narrowest place before, from its correction or from the verdict on it."""
     if about.verdicts:
         return [verdict.thinnest_mm for verdict in about.verdicts]
     return [layer.change.thinnest_mm if layer.change is not None else None for layer in seen.bare]
-
-
-def _apart(thinnest: Sequence[float | None]) -> list[int]:
-    """Layers with the thinnest features, no two of them neighbours of each other."""
-    thin = [(width, k) for k, width in enumerate(thinnest) if width is not None]
-    apart = max(1, len(thinnest) // 50)
-    chosen: list[int] = []
-    for _, k in sorted(thin):
-        if len(chosen) == WORST:
-            break
-        if all(abs(k - other) >= apart for other in chosen):
-            chosen.append(k)
-    return chosen

@@ -96,7 +96,8 @@ function table() {
     link.textContent = place.kind;
     row.insertCell().append(link);
     const between = (a, b) => (a === undefined ? "" : `${a.toFixed(2)} \u2013 ${b.toFixed(2)}`);
-    for (const text of [place.layer, meta.layers.z_mm[place.layer][0].toFixed(3), between(left, right), between(bottom, top), place.text]) {
+    const [first, last] = place.layers, layers = first === last ? first : `${first} \u2013 ${last}`;
+    for (const text of [layers, meta.layers.z_mm[place.layer][0].toFixed(3), between(left, right), between(bottom, top), place.text]) {
       row.insertCell().textContent = text;
     }
     row.addEventListener("click", async (event) => {
