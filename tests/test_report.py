@@ -453,3 +453,43 @@ def test_pictures_of_layers(tmp_path):
     assert "layer 99 is not there; it has layers 0 to 12" in run.err
     run = run_layerfix("show", part, "-p", "prusa-mk3s-0.4", "-o", tmp_path / "x.png")
     assert "give either --layer or --strip" in run.err
+
+
+def test_the_map_of_build_directions(browser, tmp_path):
+    """A click names the direction that is there, arrows go on to the next worse one, a row of the ten best chooses;
+    `fix --orient --report` has the map, too."""
+    part = write_stl(tmp_path / "part.stl", thin_part())
+    how = ("--pixel", "0.1mm", "--layer", "0.1mm", "--min-feature", "0.8mm")
+    run = run_layerfix("orient", part, *how, "--method", "quick", "-o", tmp_path / "o.html", "--json")
+    assert run.code == 0, run.err
+    summary = json.loads(run.out)
+    meta = json.loads(re.search(r'id="meta">(.*?)</script>', (tmp_path / "o.html").read_text(), re.S)[1])
+    found = meta["orientation"]
+    assert found["best"]["changed_px"] == summary["best"]["changed_px"] == found["candidates"][0]["value"]
+    assert len(found["poses"]) == summary["screened"]
+    assert meta["charts"]["changed_px"] and sum(meta["charts"]["changed_px"]) == summary["best"]["changed_px"]  # noqa: PT018
+    page, said = opened(browser, tmp_path / "o.html")
+    canvas = page.locator("#directions canvas")
+    canvas.scroll_into_view_if_needed()
+
+    def chosen() -> dict[str, Any]:
+        return page.evaluate("layerfix.directions.chosen")
+
+    assert chosen()["value"] == found["candidates"][0]["value"]
+    box = canvas.bounding_box()
+    side = min(box["width"], box["height"]) - 56
+    for x, y, axis in ((0.0, 0.0, 2), (0.49, 0.0, 0), (0.0, -0.49, 1)):
+        page.mouse.click(box["x"] + box["width"] / 2 + x * side, box["y"] + box["height"] / 2 + y * side)
+        assert abs(chosen()["direction"][axis]) > 0.95
+    assert f"{chosen()['height_mm']:g} mm" in page.locator("#directions dl").inner_text()
+    before = chosen()["value"]
+    canvas.press("ArrowLeft")
+    assert chosen()["value"] <= before
+    page.locator("#directions tbody button").nth(1).click()
+    assert chosen()["direction"] == found["candidates"][1]["direction"]
+    assert said == []
+    page.close()
+    run = run_layerfix("fix", part, tmp_path / "f.stl", *how, "--orient", "quick", "--report", tmp_path / "f.html")
+    assert run.code == 0, run.err
+    meta = json.loads(re.search(r'id="meta">(.*?)</script>', (tmp_path / "f.html").read_text(), re.S)[1])
+    assert len(meta["orientation"]["candidates"]) == len(found["candidates"])

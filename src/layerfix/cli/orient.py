@@ -45,7 +45,7 @@ METHODS = ["race", "quick", "anneal", "direct"]
         multiple=True,
         type=cloup.Path(path_type=Path),
         help="The part as it should stand (.stl .3mf .obj), all figures and the 4 × 4 transform (.json), or a map of"
-        " all directions (.png .svg); may be given several times.",
+        " all directions (.png .svg), or a page with the layers and that map (.html); may be given several times.",
     ),
     cloup.option(
         "--pareto",

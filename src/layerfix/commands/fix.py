@@ -39,11 +39,10 @@ if TYPE_CHECKING:
 
     from layerfix.layers.correction import Mode
     from layerfix.mesh.triangles import Mesh
+    from layerfix.orientation.outcome import Orientation
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
     from layerfix.surface.kinds import Kind
-
-    Matrix = NDArray[np.float64]
 
 QUARTER_TURN = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], np.float64)
 
@@ -93,14 +92,14 @@ def fix(
         from layerfix.commands.pages import report_on
 
         with already_written(target):
-            report_on(source, stack, fixed, run.report, options, mode, progress=progress)
+            report_on(source, stack, fixed, run.report, options, mode, placed=placed, progress=progress)
     if run.picture:
         with already_written(target):
             draw_layer(stack, fixed, summary.most_changed_layer, run.picture, force=run.force)
     return summary
 
 
-def as_asked(stack: LayerStack, placed: Matrix | None, mode: Mode, options: Options) -> LayerStack:
+def as_asked(stack: LayerStack, placed: Placing | None, mode: Mode, options: Options) -> LayerStack:
     """The layers corrected as the options say. Raises InputError as `correct` does.
 
     placed: how the part was turned and moved after it was read (`Part.placed`)
@@ -175,7 +174,7 @@ def open_stack(source: Path, options: Options) -> LayerStack:
 
 def opened(
     source: Path, options: Options, progress: Callable[[int, int], None] = lambda done, total: None
-) -> tuple[LayerStack, Matrix | None]:
+) -> tuple[LayerStack, Placing | None]:
     """(layers; how the mesh that they are of was turned and moved, as `Part.placed`)."""
     found, _ = find_format(source)
     if found.mesh is not None:
@@ -191,12 +190,19 @@ def opened(
     return replace(stack, notes=(*stack.notes, *told)) if told else stack, None
 
 
+class Placing(NamedTuple):
+    """What happened to a mesh after it was read: the (4, 4) matrix, and the search for a direction that chose it."""
+
+    matrix: NDArray[np.float64]
+    search: Orientation | None = None
+
+
 class Part(NamedTuple):
-    """A mesh as it is printed, its layers, and the (4, 4) matrix that took it there; None: as it was read."""
+    """A mesh as it is printed, its layers, and how it was turned and moved; None: it is as it was read."""
 
     mesh: Mesh
     stack: LayerStack
-    placed: Matrix | None
+    placed: Placing | None
 
 
 def open_part(
@@ -227,17 +233,17 @@ def open_part(
         for height in (layer_mm, first_mm or layer_mm):
             paths.check_layer(height)
     slicing = options.slicing
-    stands, placed = mesh is not None, None
+    stands = mesh is not None
+    placed: Placing | None = None
     mesh = mesh or read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0)
     if slicing.orient is not None:
         from layerfix.commands.standing import standing
 
-        mesh, placed = standing(mesh, options, progress)
+        mesh, found = standing(mesh, options, progress)
+        placed = Placing(found.matrix, found)
     if not stands and _fits_only_turned(mesh, printer):
-        mesh, placed = (
-            mesh.transformed(QUARTER_TURN[:3, :3]),
-            QUARTER_TURN @ (np.eye(4) if placed is None else placed),
-        )
+        mesh = mesh.transformed(QUARTER_TURN[:3, :3])
+        placed = Placing(QUARTER_TURN) if placed is None else Placing(QUARTER_TURN @ placed.matrix, placed.search)
     _check_size(mesh, printer, min_feature_mm)
     if slicing.axes is not None:
         from layerfix.commands.axes import thicker_across
@@ -254,7 +260,7 @@ def open_part(
     return Part(mesh, replace(stack, notes=(*stack.notes, *told_of_service(printer))), placed)
 
 
-def _keep_out(stack: LayerStack, placed: Matrix | None, options: Options) -> LayerStack | None:
+def _keep_out(stack: LayerStack, placed: Placing | None, options: Options) -> LayerStack | None:
     """What is to be kept free: a mesh in the part's coordinates, or layers of the same frame."""
     path = options.correction.keep_out
     if path is None:
@@ -266,7 +272,9 @@ def _keep_out(stack: LayerStack, placed: Matrix | None, options: Options) -> Lay
         return read(path, printer=options.printer, pixel_mm=stack.pixel_mm, layer_mm=options.frame.layer_mm,
                     first_layer_mm=options.frame.first_layer_mm)  # fmt: skip
     mesh = read_mesh(path, unit=options.slicing.unit, scale=options.slicing.scale or 1.0)
-    return slice_like(mesh if placed is None else mesh.transformed(placed[:3, :3]).moved(placed[:3, 3]), stack)
+    if placed is not None:
+        mesh = mesh.transformed(placed.matrix[:3, :3]).moved(placed.matrix[:3, 3])
+    return slice_like(mesh, stack)
 
 
 def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:

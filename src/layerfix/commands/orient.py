@@ -13,13 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from layerfix.commands.fix import Placing
 from layerfix.commands.options import Options
+from layerfix.commands.pages import report_on
 from layerfix.commands.standing import printing_of
 from layerfix.draw.canvas import SUFFIXES as DRAWINGS
 from layerfix.draw.sphere import scatter, sphere_map
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
 from layerfix.formats import find_format, read_mesh, write
+from layerfix.layers.correction import before
 from layerfix.orientation.aims import UNITS
 from layerfix.orientation.find import Options as SearchOptions
 from layerfix.orientation.find import find
@@ -32,7 +35,8 @@ if TYPE_CHECKING:
     from layerfix.orientation.search import State
 
 MODELS = (".stl", ".3mf", ".obj")
-SUFFIXES = (*MODELS, ".json", *DRAWINGS)
+PAGES = (".html", ".htm")
+SUFFIXES = (*MODELS, ".json", *DRAWINGS, *PAGES)
 FRONTS = (".csv", ".json", *DRAWINGS)
 
 
@@ -68,7 +72,7 @@ def orient(
     progress: Callable[[State], None] | None = None,
 ) -> Orientation:
     """Search for the pose of a mesh that needs the least correction and write each of `targets`, by suffix: the part
-    in that pose, all figures as JSON, or the map of directions.
+    in that pose, all figures as JSON, the map of directions, or the page of its layers with that map to click on.
 
     Raises InputError and OutputError before any work where it can.
     """
@@ -96,7 +100,7 @@ def orient(
             if path in wanted.fronts:
                 write_front(path, found, search.front or (), force=options.run.force)
             else:
-                write_found(path, found, force=options.run.force)
+                write_found(path, found, source, options)
     return found
 
 
@@ -141,14 +145,18 @@ def _check_models(targets: Sequence[Path], mesh: Mesh) -> None:
             check_whole(path, mesh)
 
 
-def write_found(path: Path, found: Orientation, *, force: bool) -> None:
-    """The part in the best pose (.stl, .3mf, .obj), the figures with the 4 × 4 transform (.json), or the map."""
-    suffix = path.suffix.lower()
+def write_found(path: Path, found: Orientation, source: Path, options: Options) -> None:
+    """The part in the best pose (.stl .3mf .obj), figures and the 4 × 4 transform (.json), the map, or the page."""
+    suffix, force = path.suffix.lower(), options.run.force
     if suffix in MODELS:
         write(path, found.mesh(), force=force)
     elif suffix == ".json":
         with whole_file(path, force=force) as file:
             file.write((json.dumps(found.summary(), indent=1) + "\n").encode())
+    elif suffix in PAGES:
+        fixed = found.objective.corrected(found.best.pose)
+        report_on(source, before(fixed), fixed, path, options, found.objective.printing.mode,
+                  placed=Placing(found.matrix, found))  # fmt: skip
     else:
         map_of(found).save(path, force=force)
 

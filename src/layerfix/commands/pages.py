@@ -13,6 +13,7 @@ from layerfix.files import check_apart, check_target
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
+    from layerfix.commands.fix import Placing
     from layerfix.commands.options import Options
     from layerfix.layers.correction import Mode
     from layerfix.layers.verdict import LayerVerdict
@@ -44,11 +45,13 @@ def report_on(
     fixed: Path | None = None,
     verdicts: Sequence[LayerVerdict] = (),
     widths_mm: Sequence[float] = (),
+    placed: Placing | None = None,
     progress: Progress = lambda done, total: None,
 ) -> tuple[int, int, int]:
     """Write the page of layers before and after; (layers, how many are in the page, places in its table)."""
     from layerfix.layers.correction import telling_paths
     from layerfix.report.collect import About, collect, file_facts
+    from layerfix.report.directions import directions_of
     from layerfix.report.page import write_page
 
     asked = options.correction.min_feature_mm or (options.printer.min_feature_mm if options.printer else None)
@@ -59,6 +62,7 @@ def report_on(
         feature_mm=asked,
         verdicts=tuple(verdicts),
         widths_mm=tuple(widths_mm),
+        orientation=directions_of(placed.search) if placed is not None and placed.search is not None else None,
     )
     found = collect(stack, telling_paths(after), about, progress)
     write_page(target, found, force=options.run.force)

@@ -68,7 +68,7 @@ def report(source: Path, fixed: Path | None, target: Path, options: Options, pro
         if options.correction.min_feature_mm is not None or options.printer is not None:
             verdicts = _judged(stack, options, mode, progress)
     found = report_on(source, stack, after, target, options, mode, fixed=fixed, verdicts=verdicts,
-                      widths_mm=widths_mm, progress=progress)  # fmt: skip
+                      widths_mm=widths_mm, placed=placed, progress=progress)  # fmt: skip
     return Written(str(source), str(fixed) if fixed else None, str(target), target.stat().st_size, *found,
                    time.perf_counter() - started)  # fmt: skip
 

@@ -14,11 +14,9 @@ from layerfix.orientation.find import find
 from layerfix.orientation.objective import Objective, Printing
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from layerfix.commands.options import Options
     from layerfix.mesh.triangles import Mesh
+    from layerfix.orientation.outcome import Orientation
     from layerfix.orientation.search import State
 
 
@@ -39,10 +37,10 @@ def printing_of(mesh: Mesh, options: Options) -> Printing:
     return Printing(pixel_mm, layer_mm, min_feature_mm, first_mm, mode, spurs, options.slicing.fill or "nonzero")
 
 
-def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None]) -> tuple[Mesh, NDArray[np.float64]]:
+def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None]) -> tuple[Mesh, Orientation]:
     """The mesh as it needs the least correction, with a note of what that won; one that fits the printer, if given.
 
-    Also the (4, 4) matrix that takes the mesh there.
+    Also what was searched.
 
     progress is called with (poses counted, about how many there will be). Ctrl-C ends it: there is nothing to keep.
     """
@@ -66,4 +64,4 @@ def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None])
             f" instead of {given.changed_px} ({found.reduction_percent:.3g} % less)"
         )
     placed = found.mesh()
-    return replace(placed, notes=(*placed.notes, note)), found.matrix
+    return replace(placed, notes=(*placed.notes, note)), found

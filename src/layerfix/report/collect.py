@@ -49,6 +49,7 @@ class About:
     verdicts  of `judge`, a layer each, if it was asked
     widths_mm  suggested extrusion widths, a layer each, for printers with a nozzle
     notes     what was left out, and the like
+    orientation  the search for the build direction, as `layerfix.report.directions` has it
     """
 
     title: str
@@ -58,6 +59,7 @@ class About:
     verdicts: tuple[LayerVerdict, ...] = ()
     widths_mm: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
+    orientation: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +173,7 @@ def collect(
         "more_places": more,
         "looked_for": _looked_for(about, changes),
         "bodies": bodies,
+        "orientation": about.orientation,
     }
     return Report(meta, blobs)
 

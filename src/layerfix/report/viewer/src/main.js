@@ -1,6 +1,7 @@
 // The page: what is shown, and what keys, links and tables do to it.
 import { Chart } from "./charts.js";
 import { Layers } from "./codec.js";
+import { Directions } from "./directions.js";
 import { LayerView } from "./layer.js";
 import { View } from "./view.js";
 
@@ -12,7 +13,7 @@ const stack = (name) => meta.images[name] &&
 const before = stack("before"), changed = stack("changed"), paths = stack("paths");
 const page = (window.layerfix = { ready: false, layer: -1, mode: "difference", skeleton: false, counts: null, meta });
 const charts = [];
-let view = null, wanted = 0;
+let view = null, wanted = 0, directions = null;
 
 const middle = (layer) => (meta.layers.z_mm[layer][0] + meta.layers.z_mm[layer][1]) / 2;
 // Which of the stored layers is nearest.
@@ -142,6 +143,13 @@ function facts() {
   }
 }
 
+function map() {
+  if (!meta.orientation) return;
+  $("directions").hidden = false;
+  $("map-unit").textContent = meta.orientation.unit;
+  directions = page.directions = new Directions($("directions"), meta.orientation);
+}
+
 function theme(dark) { document.documentElement.dataset.theme = dark ? "dark" : "light"; }
 
 function keys(event) {
@@ -182,13 +190,13 @@ function listen() {
   addEventListener("keydown", keys);
   addEventListener("keyup", (event) => { if (event.key === "b" && page.held) { mode(page.held); page.held = null; } });
   addEventListener("hashchange", () => { const layer = fromLink(); if (layer !== null && layer !== page.layer) go(layer); });
-  addEventListener("resize", () => { image.draw(); if (view) view.draw(); });
+  addEventListener("resize", () => { image.draw(); if (view) view.draw(); if (directions) directions.draw(); });
   addEventListener("blur", () => { if (page.held) { mode(page.held); page.held = null; } });
   addEventListener("beforeprint", () => { page.dark = document.documentElement.dataset.theme === "dark"; theme(false); repaint(); });
   addEventListener("afterprint", () => { theme(page.dark); repaint(); });
 }
 
-function repaint() { paint(); if (view) { view.paint(); view.mode(page.mode); } }
+function repaint() { paint(); if (view) { view.paint(); view.mode(page.mode); } if (directions) directions.draw(); }
 
 async function start() {
   const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -196,6 +204,7 @@ async function start() {
   dark.addEventListener("change", () => { theme(dark.matches); repaint(); });
   facts();
   table();
+  map();
   listen();
   const zTop = meta.layers.z_mm[count - 1][1], jump = go;
   charts.push(new Chart($("charts"), { title: "Added and removed", unit: "mm\u00b3 a layer", zTop, jump, lines: [
