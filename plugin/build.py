@@ -9,17 +9,19 @@ from __future__ import annotations
 import argparse
 import base64
 import hashlib
+import json
 import os
 import tomllib
 import zipfile
 from collections.abc import Callable, Mapping
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 LONG_AGO = (1980, 1, 1, 0, 0, 0)
-SUFFIXES = (".py", ".toml", ".typed", ".json")
+SUFFIXES = (".py", ".toml", ".typed", ".json", ".qml", ".js", ".css", ".html", ".txt")
 # What a correction of outlines imports of what layerfix depends on: the host installs these when it loads the plugin.
 ORCA_NEEDS = ("numpy", "numba", "shapely", "opencv-contrib-python-headless")
 
@@ -37,6 +39,19 @@ def sources(folder: Path, under: str) -> dict[str, bytes]:
         for path in sorted(folder.rglob("*"))
         if path.suffix in SUFFIXES and "__pycache__" not in path.parts
     }
+
+
+def wheel_sources() -> dict[str, bytes]:
+    """What a wheel of layerfix has: its package without what pyproject.toml leaves out, and the printers."""
+    built = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]
+    left_out = [pattern.removeprefix("src/") for pattern in built["targets"]["wheel"]["exclude"]]
+    found = sources(ROOT / "src" / "layerfix", "layerfix")
+    kept = {
+        name: data
+        for name, data in found.items()
+        if not any(fnmatch(name, pattern) or name.startswith(f"{pattern}/") for pattern in left_out)
+    }
+    return {**kept, **sources(ROOT / "sample_printers", "layerfix/sample_printers")}
 
 
 def zipped(files: Mapping[str, bytes], target: Path) -> None:
@@ -67,8 +82,7 @@ def orca(target: Path) -> None:
         *(f"Requires-Dist: {line}" for line in needs),
     ]
     files = {
-        **sources(ROOT / "src" / "layerfix", "layerfix"),
-        **sources(ROOT / "sample_printers", "layerfix/sample_printers"),
+        **wheel_sources(),
         **sources(HERE / "orca" / "layerfix_orca", "layerfix_orca"),
         f"{info}/METADATA": ("\n".join(metadata) + "\n").encode(),
         f"{info}/WHEEL": b"Wheel-Version: 1.0\nGenerator: layerfix\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
@@ -88,7 +102,29 @@ def record(files: Mapping[str, bytes], own_name: str) -> bytes:
     return "\n".join([*lines, f"{own_name},,", ""]).encode()
 
 
-PLUGINS: dict[str, Callable[[Path], None]] = {"layerfix_orca.whl": orca}
+def cura(target: Path) -> None:
+    """A package as Cura installs one that is dropped on its window: package.json, and the plugin's folder."""
+    plugin = json.loads((HERE / "cura" / "Layerfix" / "plugin.json").read_text(encoding="utf-8"))
+    package = {
+        "package_id": "Layerfix",
+        "package_type": "plugin",
+        "display_name": plugin["name"],
+        "description": plugin["description"],
+        "package_version": plugin["version"],
+        "sdk_version": plugin["api"],
+        "sdk_version_semver": plugin["supported_sdk_versions"][0],
+        "website": "",
+        "author": {"author_id": "layerfix", "display_name": plugin["author"]},
+    }
+    files = {
+        **sources(HERE / "cura" / "Layerfix", "files/plugins/Layerfix"),
+        "files/plugins/Layerfix/LICENSE": (ROOT / "LICENSE").read_bytes(),
+        "package.json": (json.dumps(package, indent=4) + "\n").encode(),
+    }
+    zipped(files, target)
+
+
+PLUGINS: dict[str, Callable[[Path], None]] = {"layerfix_orca.whl": orca, "layerfix_cura.curapackage": cura}
 
 
 def build(folder: Path) -> list[Path]:

@@ -249,7 +249,7 @@ def built(folder):
 def test_the_same_sources_give_the_same_bytes(tmp_path):
     """Twice, into two folders; no name has a version in it, as presets know plugins by their file."""
     first, second = built(tmp_path / "a"), built(tmp_path / "b")
-    assert set(first) == {"layerfix_orca.whl"}
+    assert set(first) == {"layerfix_orca.whl", "layerfix_cura.curapackage"}
     for name, path in first.items():
         assert path.read_bytes() == second[name].read_bytes()
 
@@ -297,6 +297,8 @@ def test_the_wheel_installs_loads_and_slices_in_a_process_of_its_own(tmp_path):
     wheel = built(tmp_path / "out")["layerfix_orca.whl"]
     with zipfile.ZipFile(wheel) as archive:
         assert archive.testzip() is None
+        viewer = {name.rpartition("/")[2] for name in archive.namelist() if "/report/viewer/" in name}
+        assert viewer == {"viewer.js", "style.css", "template.html", "THIRD_PARTY_LICENSES.txt"}
         assert not [name for name in archive.namelist() if "__pycache__" in name or name.endswith(".pyc")]
     kernels = next((place for place in kernel_cache.places() if place.is_dir()), "")
     environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}

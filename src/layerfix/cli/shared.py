@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -31,6 +32,8 @@ SCHEDULER = cloup.option(
     "--scheduler", metavar="ADDRESS", help="Compute on the workers of a Dask scheduler: tcp://host:8786."
 )
 FORCE = cloup.option("--force", is_flag=True, help="Replace outputs that exist.")
+# Set to "lines", progress is told a program that shows it in its own way.
+PROGRESS = "LAYERFIX_PROGRESS"
 JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 
 
@@ -64,12 +67,15 @@ def with_codes(given: dict[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar with the time left on a terminal; nothing in a pipe."""
+    """A bar with the time left on a terminal; in a pipe nothing, or lines for a program that has a bar of its own."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     stopped = click.get_current_context().obj
     console = Console(stderr=True)
+    if not console.is_terminal and os.environ.get(PROGRESS) == "lines":
+        yield _lines(stopped)
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(what, total=None)
@@ -85,6 +91,20 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
         with compiling_told(lambda _: bar.update(task, description="compiling kernels (once) …")):
             yield show
+
+
+def _lines(stopped: list[int] | None) -> Callable[[int, int], None]:
+    """Each whole percent as a line: ``layerfix: 37 %``. A command may begin anew for what comes next."""
+    last = [-1]
+
+    def show(done: int, total: int) -> None:
+        _abort_if(stopped)
+        percent = 100 * done // max(total, 1)
+        if percent != last[0]:
+            last[0] = percent
+            click.echo(f"layerfix: {percent} %", err=True)
+
+    return show
 
 
 @contextmanager
