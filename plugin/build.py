@@ -37,7 +37,7 @@ def sources(folder: Path, under: str) -> dict[str, bytes]:
     return {
         f"{under}/{path.relative_to(folder).as_posix()}": path.read_bytes().replace(b"\r\n", b"\n")
         for path in sorted(folder.rglob("*"))
-        if path.suffix in SUFFIXES and "__pycache__" not in path.parts
+        if path.suffix in SUFFIXES and not {"__pycache__", "node_modules"} & set(path.parts)
     }
 
 

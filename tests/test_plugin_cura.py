@@ -1,4 +1,4 @@
-"""The Cura extension without Cura: geometry, the command it runs, the package. `plugin/cura/trial` runs a real one."""
+"""The Cura extension without Cura: geometry, the command it runs, the package. `plugin/cura/trial` runs it in one."""
 
 from __future__ import annotations
 
