@@ -120,10 +120,7 @@ def retreated(
         return max((rho + math.sqrt((sy * (v - y)) ** 2 + (sx * (u - x)) ** 2) for v, u, rho in balls), default=0.0)
 
     height, width = image.shape
-    in_order = sorted(
-        np.ndindex(height, width), key=lambda p: (p[1] // 64, *p)
-    )  # columns of words, each from the top
-    at_first = [(y, x) for y, x in in_order if simple(y, x)]
+    at_first = [(y, x) for y, x in np.ndindex(height, width) if simple(y, x)]  # row by row
     ends: list[tuple[int, int, float, list[tuple[int, int, float]]]] = []
     for y, x in at_first:
         if not simple(y, x):

@@ -115,6 +115,23 @@ def simple_pixels(columns, anchor, spots):  # type: ignore[no-untyped-def]
 
 
 @njit
+def _by_rows(spots, count, height):  # type: ignore[no-untyped-def]
+    """The spots row by row, from the left: so the order does not depend on where words of 64 pixels begin, and a
+    layer that is moved comes out moved. They come column of words by column of words, each from the top."""
+    starts = np.zeros(height + 1, np.int64)
+    for j in range(count):
+        starts[spots[j, 0] + 1] += 1
+    for y in range(height):
+        starts[y + 1] += starts[y]
+    sorted_spots = np.empty((count, 2), np.int64)
+    for j in range(count):
+        k = starts[spots[j, 0]]
+        starts[spots[j, 0]] += 1
+        sorted_spots[k, 0], sorted_spots[k, 1] = spots[j, 0], spots[j, 1]
+    return sorted_spots
+
+
+@njit
 def _depth(depths, top, offsets, lengths, outside, y, x):  # type: ignore[no-untyped-def]
     """Distance from (y, x) to the nearest void pixel; the deepest level that holds it says what not to look at."""
     k = 0
@@ -228,6 +245,7 @@ def retreat(columns, anchor, significant_pixels, depths, top, offsets, lengths, 
     if count > spots.shape[0]:
         spots = np.empty((count, 2), np.int64)
         simple_pixels(columns, anchor, spots)
+    spots = _by_rows(spots, count, columns.shape[1])
     ends = np.empty((8 * count + 64, 2), np.int64)
     going = _first_ends(columns, anchor, spots, count, ends)
     demands, heads_of = np.zeros(ends.shape[0]), _filled(ends.shape[0])
