@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from layerfix import slice_mesh
 from layerfix.errors import InputError
-from layerfix.mesh.triangles import Mesh
+from layerfix.mesh.triangles import Mesh, Part
 from tests.making import box, cone, inside_out, joined, run_layerfix, save_stl, sphere, turned
 
 LEAST = 0.25
@@ -220,3 +222,24 @@ def test_a_tilted_sheet_is_whole_in_overlap_too(degrees):
     ]
     assert volumes[1] == pytest.approx(volumes[0], rel=0.1)
     assert volumes[0] > 8 * 8 * 0.05
+
+
+def test_parts_share_what_they_work_on():
+    """Memory does not grow with the parts of a mesh: two images of a layer for each thread, not for each part."""
+
+    def peak_bytes(count: int) -> int:
+        sheets = [box((0, 3 * k, 0.62), (2, 3 * k + 2, 0.68)) for k in range(count)]
+        whole = joined(*sheets, box((0, 0, 0), (150, 3 * 12, 0.3)))
+        parts = tuple(Part((12 * k, 12 * k + 12)) for k in range(count))
+        mesh = Mesh(whole.vertices, whole.faces, parts=parts)
+        stack = slice_mesh(mesh, pixel_mm=0.02, layer_mm=0.2).with_workers(1)
+        tracemalloc.start()
+        assert sum(layer.sheet_px > 0 for layer in stack) == 1
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return peak
+
+    peak_bytes(1)  # what is loaded once
+    few, many = peak_bytes(2), peak_bytes(12)
+    layer_bytes = 150 * 36 / 0.02**2 / 8
+    assert many - few < 5 * layer_bytes, (few / layer_bytes, many / layer_bytes)

@@ -22,6 +22,7 @@ from numba import types
 from layerfix.bits import words_for
 from layerfix.errors import InputError
 from layerfix.kernels import njit
+from layerfix.layers.columns import Room
 from layerfix.layers.grey_source import GreySource
 from layerfix.mesh.closing import close_gaps, edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
@@ -335,14 +336,18 @@ def _covered(pieces: list[_Piece], grid: _Grid, index: int) -> NDArray[np.uint8]
 
 
 def _pieces(mesh: Mesh, grid: _Grid, rule: int, hairlines: bool, z_sampling: ZSampling) -> list[_Piece]:
-    """What is sliced on its own. A clip that bounds several parts is cut once a layer."""
+    """What is sliced on its own. A clip that bounds several parts is cut once a layer.
+
+    All pieces look for sheets on the same two images, of which each thread has its own.
+    """
+    room = Room()
 
     def piece(surface: Mesh, rule: int, clips: tuple[tuple[_Cutter, bool], ...]) -> _Piece:
         cutter = _cutter(surface, grid)
         size_px = grid.width, grid.shape[0]
         sheets = None
         if z_sampling != "middle" and cutter.closed:
-            sheets = Sheets(cutter.points, cutter.faces, cutter.planes, cutter.bounds, size_px, rule)
+            sheets = Sheets(cutter.points, cutter.faces, cutter.planes, cutter.bounds, size_px, rule, room=room)
         return _Piece(cutter, rule, hairlines, sheets, clips)
 
     if not mesh.parts:
