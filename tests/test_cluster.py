@@ -10,11 +10,14 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import layerfix as lf
 from layerfix.commands.batch import fix_all
+from layerfix.commands.fix import fix
 from layerfix.commands.options import options_of
+from tests.independent_readers import write_sl1
 from tests.making import box, contents, environment, joined, thin_part, write_stl
 
 pytest.importorskip("distributed")
@@ -177,6 +180,58 @@ def test_folders_errors_and_what_stays_free_go_there_and_back(cluster, tmp_path)
     assert away.failed == here.failed
     assert away.failed[0][1].startswith(f"{tmp_path / 'bad.stl'}: ")
     assert contents(tmp_path / "away") == contents(tmp_path / "here")
+
+
+@pytest.mark.parametrize("kind", ["mesh", "job", "greys", "keep-out"])
+def test_slabs_of_one_file_are_corrected_on_workers_that_die(cluster, tmp_path, kind, monkeypatch):
+    """A mesh is sliced there; a job's layers are sent; a worker is killed in the middle: the bytes are those of a run
+    here, and so is the summary."""
+    from layerfix.commands import slabs
+
+    monkeypatch.setattr(slabs, "MOST_IN_SLAB", 3)
+    given = {"min_feature_mm": 0.4}
+    if kind in ("mesh", "keep-out"):
+        source = write_stl(tmp_path / "part.stl", thin_part())
+        given |= {"pixel_mm": (0.05, 0.05), "layer_mm": 0.05}
+        target = "fixed.zip"
+        if kind == "keep-out":
+            given["keep_out"] = write_stl(tmp_path / "bore.stl", box([2.1, 0, 0.5], [3, 4, 3]))
+    else:
+        random = np.random.default_rng(2)
+        layers = [np.zeros((90, 140), np.uint8) for _ in range(24)]
+        for k, layer in enumerate(layers):
+            layer[20:60, 20:50] = 255
+            layer[10:80, 70 + k % 5] = 255
+            if kind == "greys":
+                layer[20:60, 50] = random.integers(1, 255, 40)
+        source = write_sl1(tmp_path / "job.sl1", layers)
+        target = "fixed.sl1"
+    killed = []
+
+    def kill(done, total):
+        if done > 4 and not killed:
+            killed.append(done)
+            cluster.kill_worker()
+
+    here = fix(source, tmp_path / f"here-{target}", options_of(None, given))
+    away = fix(source, tmp_path / f"away-{target}", options_of(None, {**given, "scheduler": cluster.address}), kill)
+    assert killed
+    assert (tmp_path / f"here-{target}").read_bytes() == (tmp_path / f"away-{target}").read_bytes()
+    assert (away.added_mm3, away.thinnest_mm, away.topology, away.conflicts) == (
+        here.added_mm3, here.thinnest_mm, here.topology, here.conflicts,
+    )  # fmt: skip
+    assert away.added_mm3 > 0
+
+
+def test_what_cannot_be_spread_is_refused(cluster, tmp_path):
+    """Before anything is written."""
+    source = write_stl(tmp_path / "part.stl", thin_part())
+    given = {"pixel_mm": (0.1, 0.1), "layer_mm": 0.1, "min_feature_mm": 0.4, "scheduler": cluster.address}
+    with pytest.raises(lf.LayerfixError, match="the smooth surface is of all of them at once"):
+        fix(source, tmp_path / "a.stl", options_of(None, given))
+    with pytest.raises(lf.LayerfixError, match="does not answer"):
+        fix(source, tmp_path / "a.zip", options_of(None, {**given, "scheduler": "tcp://127.0.0.1:1"}))
+    assert not list(tmp_path.glob("a.*"))
 
 
 def test_workers_of_another_version_are_refused(cluster, monkeypatch):

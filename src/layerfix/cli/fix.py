@@ -170,8 +170,8 @@ from layerfix.console import one_line
     cloup.option(
         "--out-type", metavar="SUFFIX", help="What is written: 3mf, gcode, zip … [default: as IN or the printer]"
     ),
-    SCHEDULER,
 )
+@cloup.option_group("Many machines: a file is a task, of one file a slab of its layers", SCHEDULER)
 def fix(
     source: Path,
     more: tuple[Path, ...],
@@ -202,9 +202,8 @@ def fix(
     if out_dir is not None:
         _fix_many([source, *more], out_dir, out_type, scheduler, printer, as_json, given)
         return
-    for name, value in (("--out-type", out_type), ("--scheduler", scheduler)):
-        if value is not None:
-            raise click.UsageError(f"{name} goes with --out-dir")
+    if out_type is not None:
+        raise click.UsageError("--out-type goes with --out-dir")
     if not more:
         raise click.UsageError("Missing argument 'OUT'.")
     if len(more) > 1:
@@ -217,7 +216,7 @@ def fix(
 
         load_kernels(target)
     with progress(f"correcting {source.name}") as shown:
-        summary = run(source, target, options_from(printer, given), shown)
+        summary = run(source, target, options_from(printer, {**given, "scheduler": scheduler}), shown)
     click.echo(json.dumps(asdict(summary)) if as_json else summary_table(summary))
 
 

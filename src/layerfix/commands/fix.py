@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -86,7 +87,9 @@ def fix(
 
     run = options.run
     output = dict(options.output) if surface is None else {**options.output, "surface": surface}
-    write(target, fixed, options.printer, force=run.force, watch=watch, tell=told.append, advance=progress, **output)
+    with _made_there(fixed, surface, options) as layers:
+        write(target, layers, options.printer, force=run.force, watch=watch, tell=told.append, advance=progress,
+              **output)  # fmt: skip
     summary = add_up(source, target, fixed, min_feature_mm, mode, done, started, told)
     if run.report:
         from layerfix.commands.pages import report_on
@@ -97,6 +100,23 @@ def fix(
         with already_written(target):
             draw_layer(stack, fixed, summary.most_changed_layer, run.picture, force=run.force)
     return summary
+
+
+def _made_there(fixed: LayerStack, surface: Kind | None, options: Options) -> AbstractContextManager[LayerStack]:
+    """The layers, made on the workers of a scheduler if there is one. Raises InputError for what goes only here."""
+    if options.run.scheduler is None:
+        return nullcontext(fixed)
+    if surface in ("smooth", "voxels"):
+        raise InputError(
+            f"--scheduler spreads layers; the {surface} surface is of all of them at once: --surface layers, or leave"
+            " it out"
+        )
+    free = options.correction.keep_out
+    if free is not None and find_format(free)[0].mesh is None:
+        raise InputError(f"--keep-out {free}: layers stay on this machine; with --scheduler give a mesh")
+    from layerfix.commands.slabs import on_workers
+
+    return on_workers(fixed, options.run.scheduler)
 
 
 def as_asked(stack: LayerStack, placed: Placing | None, mode: Mode, options: Options) -> LayerStack:

@@ -76,6 +76,7 @@ class Run:
     layers: tuple[int, int] | None = None
     picture: Path | None = None
     report: Path | None = None
+    scheduler: str | None = None
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def fix_project(source: Path, target: Path, options: Options, progress: Progress
 def _check_options(source: Path, target: Path, options: Options) -> None:
     given = [name for name in NOT_FOR_PROJECTS if options.output.get(name)]
     given += [name for name in ("orient", "scale", "unit", "antialias") if getattr(options.slicing, name, None)]
-    given += [name for name in ("layers", "picture", "report") if getattr(options.run, name) is not None]
+    given += [name for name in ("layers", "picture", "report", "scheduler") if getattr(options.run, name) is not None]
     how = options.correction
     given += [name for name in ("keep_gaps_mm", "keep_out", "min_layers") if getattr(how, name) is not None]
     if given:
