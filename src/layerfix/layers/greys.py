@@ -7,6 +7,7 @@ in mode "add_only" none gets darker.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,18 +16,19 @@ from numba import types
 from layerfix.bits import ROWS, U0, U1, WORK, lowest_bit, words_for
 from layerfix.kernels import njit
 from layerfix.layers.flood import flood
+from layerfix.layers.grey_image import IMAGE, TARGET, GreyImage, Greys, bands_of
 from layerfix.layers.morphology import dilate, opened
 from layerfix.layers.neighbours import around, is_simple
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
 
-    Greys = NDArray[np.uint8]
+    Values = NDArray[np.uint8]
 
-IMAGE = types.Array(types.uint8, 2, "C", readonly=True)
-TARGET = types.Array(types.uint8, 2, "C")
 U8 = np.uint8(1)
 PATTERN_PX = 16  # dim pixels: fewer are no pattern
 SUBSTEPS = 64  # columns a pixel is cut into for its coverage; each is exact in y
@@ -44,7 +46,7 @@ def _pack_from(image, threshold, rows):  # type: ignore[no-untyped-def]
             rows[y, w] = word
 
 
-def pack_from(image: Greys, threshold: int) -> Rows:
+def pack_from(image: Values, threshold: int) -> Rows:
     """(H, W) uint8 → (H, words): solid where the value is at least `threshold`, 1 … 255."""
     rows = np.empty((image.shape[0], words_for(image.shape[1])), np.uint64)
     _pack_from(np.ascontiguousarray(image), threshold, rows)
@@ -98,7 +100,7 @@ class Seen(NamedTuple):
     dimmed: Rows | None
 
 
-def solid_rows(image: Greys, threshold: int, grey_floor: int) -> Seen:
+def solid_rows(image: Values | GreyImage, threshold: int, grey_floor: int) -> Seen:
     """What of a grey layer is solid: (H, W) uint8 → (H, words).
 
     Pixels from `threshold` on. From `grey_floor` on (0: none), also
@@ -107,22 +109,36 @@ def solid_rows(image: Greys, threshold: int, grey_floor: int) -> Seen:
       pixels, where a crest may be the tip of a corner, only what holds parts together;
     - what is dim inside of what is bright: a pattern that dims the exposure, not walls and gaps.
     """
-    solid = pack_from(image, threshold)
+    image = GreyImage.of(image)
+    solid = image.at_least(threshold)
     if not 0 < grey_floor < threshold:
         return Seen(solid, None)
-    faint = pack_from(image, grey_floor)
+    faint = image.at_least(grey_floor)
     dim = faint & ~solid
     if not dim.any():
         return Seen(solid, None)
     width = image.shape[1]
     dimmed = _dimmed(dim, faint, width)
-    crest = _ridges(np.ascontiguousarray(image), dim)
+    crest = _crests(image, dim)
     wide = dilate(opened(solid, width, (1.0, 1.0)), width, (4.0, 4.0))
     lone = faint & ~flood(solid, faint)
     found = solid | crest
     _prune(found, crest & wide)
     found |= lone
     return Seen(found if dimmed is None else found | dimmed, dimmed)
+
+
+def _crests(image: GreyImage, dim: Rows) -> Rows:
+    """`_ridges` of the image, a band at a time: it looks two rows up and one down."""
+    height, width = image.shape
+    crest, room = np.zeros_like(dim), None
+    for first, stop in bands_of(height, width):
+        if dim[first:stop].any():
+            top, bottom = max(first - 2, 0), min(stop + 1, height)
+            room = np.empty((stop - first + 3, width), np.uint8) if room is None else room
+            found = _ridges(image.rows(top, bottom, room), dim[top:bottom])
+            crest[first:stop] = found[first - top : stop - top]
+    return crest
 
 
 def _dimmed(dim: Rows, faint: Rows, width: int) -> Rows | None:
@@ -191,7 +207,26 @@ def _set_where(image, rows, value, raise_only):  # type: ignore[no-untyped-def]
 
 
 def corrected_greys(
-    image: Greys,
+    image: Values,
+    before: Rows,
+    after: Rows,
+    paths: Rows,
+    radius_px: tuple[float, float],
+    threshold: int,
+    *,
+    offset_px: tuple[float, float] = (0.0, 0.0),
+    dimmed: Rows | None = None,
+) -> Values:
+    """`greys_with_correction` as an array."""
+    return np.asarray(
+        greys_with_correction(
+            GreyImage.of(image), before, after, paths, radius_px, threshold, offset_px=offset_px, dimmed=dimmed
+        )
+    )
+
+
+def greys_with_correction(
+    image: GreyImage,
     before: Rows,
     after: Rows,
     paths: Rows,
@@ -201,23 +236,42 @@ def corrected_greys(
     offset_px: tuple[float, float] = (0.0, 0.0),
     dimmed: Rows | None = None,
 ) -> Greys:
-    """A grey layer with its correction drawn in: (H, W) uint8 → (H, W) uint8.
+    """A grey layer with its correction drawn in: (H, W) → (H, W), made in bands when asked for.
 
     before, after  what was solid (`solid_rows`) and what is, packed
     paths          where F was drawn, packed
     radius_px      (rx, ry) of F; offset_px: of its middle from a path pixel's centre, half a pixel where F is even
     dimmed         what is left as it is, packed
     """
-    out = image.copy()
-    bright = pack_from(image, threshold)
+    bright = image.at_least(threshold)
     kept = bright if dimmed is None else bright | dimmed
-    _set_where(out, before & ~after, 0, False)
-    added = after & ~kept
-    if not added.any():
-        return out
+    gone, added = before & ~after, after & ~kept
     width = image.shape[1]
     rim = dilate(added, width, (1.5, 1.5)) & ~after & ~kept
     stencil = np.round(255 * disc_coverage(*radius_px, offset_px)).astype(np.uint8)
-    _draw(out, paths, after if dimmed is None else after & ~dimmed, rim, stencil, threshold)
-    _set_where(out, added, threshold, True)  # pixels of F whose disc covers a little less than half of them
-    return out
+    drawn = after if dimmed is None else after & ~dimmed
+    return Greys(image.shape, partial(_corrected_bands, image, gone, added, drawn, rim, paths, stencil, threshold))
+
+
+def _corrected_bands(
+    image: GreyImage,
+    gone: Rows,
+    added: Rows,
+    drawn: Rows,
+    rim: Rows,
+    paths: Rows,
+    stencil: Values,
+    threshold: int,
+) -> Iterator[Values]:
+    """The bands of `greys_with_correction`, each made with as many rows around it as the stencil reaches."""
+    height, width = image.shape
+    reach, draws, room = len(stencil) // 2, bool(added.any()), None
+    for first, stop in bands_of(height, width):
+        top, bottom = max(first - reach, 0), min(stop + reach, height)
+        room = np.empty((stop - first + 2 * reach, width), np.uint8) if room is None else room
+        band = image.rows(top, bottom, room)
+        _set_where(band, gone[top:bottom], 0, False)
+        if draws:
+            _draw(band, paths[top:bottom], drawn[top:bottom], rim[top:bottom], stencil, threshold)
+            _set_where(band, added[top:bottom], threshold, True)  # of F, whose disc covers a little less than half
+        yield band[first - top : stop - top]

@@ -24,6 +24,7 @@ import numpy as np
 from layerfix.bits import pack, words_for
 from layerfix.errors import InputError
 from layerfix.formats.png.encode import SIGNATURE
+from layerfix.layers.grey_image import GreyImage
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -37,10 +38,10 @@ INFLATE_FROM, INFLATE_TO = 1 << 14, 1 << 18  # bytes of a piece: what goes in at
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """A decoded layer: packed rows, and the grey image (H, W) uint8 if it has any value but 0 and 255."""
+    """A decoded layer: packed rows, and the grey image (H, W) if it has any value but 0 and 255."""
 
     rows: Rows
-    grey: NDArray[np.uint8] | None
+    grey: NDArray[np.uint8] | GreyImage | None
 
 
 def decode_png(data: bytes, where: str, size_px: tuple[int, int], *, threshold: int = 128) -> Decoded:
@@ -64,24 +65,30 @@ def decode_png(data: bytes, where: str, size_px: tuple[int, int], *, threshold: 
 
 def rows_8bit(pieces: Iterable[NDArray[np.uint8]], size_px: tuple[int, int], threshold: int, where: str) -> Decoded:
     """Filtered whole rows of an 8-bit image, some at a time, → a layer."""
-    from layerfix.formats.png.filters import spread_rows, unfilter_8bit
+    from layerfix.formats.png.filters import unfilter_8bit
 
     width, height = size_px
-    rows = np.zeros((height, words_for(width)), np.uint64)
+    words = words_for(width)
+    rows = np.zeros((height, words), np.uint64)
     lines = np.zeros((3, width), np.uint8)
-    no_image = image = np.empty((0, width), np.uint8)
-    y = 0
+    firsts, at, values = np.zeros(height + 1, np.int64), np.empty(0, np.int32), np.empty((0, 64), np.uint8)
+    y = used = 0
     for piece in pieces:
         count = len(piece) // (1 + width)
-        done = unfilter_8bit(piece, y, width, threshold, rows, lines, image)
-        if 0 <= done < count:  # the first grey: from here on there is a grey image, too
-            image = np.empty((height, width), np.uint8)
-            spread_rows(rows, y + done, image)
-            rest = piece[done * (1 + width) :]
-            done = unfilter_8bit(rest, y + done, width, threshold, rows, lines, image)
+        needed = used + count * words
+        if needed > len(at):
+            at, values = _longer(at, used, needed), _longer(values, used, needed)
+        done = unfilter_8bit(piece, y, width, threshold, rows, lines, firsts, at, values, used)
         _check_filter(done, where)
-        y += count
-    return Decoded(rows, None if image is no_image else image)
+        y, used = y + count, done
+    return Decoded(rows, GreyImage(width, rows.copy(), firsts, at[:used], values[:used]) if used else None)
+
+
+def _longer(array: NDArray[Any], used: int, needed: int) -> NDArray[Any]:
+    """The first `used` of an array, with room for more than `needed`; what is not written to takes no memory."""
+    longer = np.empty((needed + used // 2, *array.shape[1:]), array.dtype)
+    longer[:used] = array[:used]
+    return longer
 
 
 def rows_1bit(pieces: Iterable[NDArray[np.uint8]], size_px: tuple[int, int], where: str) -> Decoded:

@@ -11,11 +11,11 @@ from numba import types
 
 from layerfix.bits import U0, U1, U63, WORK
 from layerfix.kernels import njit
+from layerfix.layers.grey_image import AT, FIRSTS, ONES, TARGET, pack_part, spread_bits
 
 GREYS = types.Array(types.uint8, 1, "C", readonly=True)
-IMAGE = LINES = types.Array(types.uint8, 2, "C")
+LINES = types.Array(types.uint8, 2, "C")
 NONE, SUB, UP, AVERAGE, PAETH = range(5)
-ONES = np.uint64(0x0101010101010101)
 
 
 @njit
@@ -30,7 +30,16 @@ def _unfilter(kind, raw, above, line):  # type: ignore[no-untyped-def]
             line[i] = raw[i] + above[i]
     elif kind == SUB:
         left = np.uint8(0)
-        for i in range(n):
+        whole, same = n & ~7, n >> 3
+        octets, done = raw[:whole].view(np.uint64), line[:whole].view(np.uint64)
+        for k in range(same):
+            if octets[k] == U0:  # as the pixel to the left, eight times
+                done[k] = np.uint64(left) * ONES
+                continue
+            for i in range(8 * k, 8 * k + 8):
+                left = np.uint8(left + raw[i])
+                line[i] = left
+        for i in range(whole, n):
             left = np.uint8(left + raw[i])
             line[i] = left
     elif kind == AVERAGE:
@@ -53,25 +62,20 @@ def _unfilter(kind, raw, above, line):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _pack_line(line, threshold, out):  # type: ignore[no-untyped-def]
-    """Pack one row of greys; True if it has one that is neither 0 nor 255."""
-    width = line.shape[0]
-    greys = np.uint8(0)
-    for i in range(width):
-        greys |= np.uint8(line[i] + np.uint8(1)) & np.uint8(254)
-    for w in range(width // 64):
-        word = U0
-        part = line[w * 64 : w * 64 + 64]
-        for i in range(64):
-            word |= np.uint64(part[i] >= threshold) << np.uint64(i)
-        out[w] = word
-    if width & 63:
-        word = U0
-        part = line[width & ~63 :]
-        for i in range(part.shape[0]):
-            word |= np.uint64(part[i] >= threshold) << np.uint64(i)
-        out[width // 64] = word
-    return greys != np.uint8(0)
+def _pack_line(line, threshold, out, at, values, used):  # type: ignore[no-untyped-def]
+    """Pack one row of greys, and note the words of it that have one that is neither 0 nor 255. How many there are."""
+    width, found = line.shape[0], used
+    for w in range(out.shape[0]):
+        part = line[w * 64 : min(w * 64 + 64, width)]
+        out[w], greys = pack_part(part, threshold)
+        if greys:
+            at[found] = w
+            for i in range(part.shape[0]):
+                values[found, i] = part[i]
+            for i in range(part.shape[0], 64):
+                values[found, i] = np.uint8(0)
+            found += 1
+    return found - used
 
 
 @njit
@@ -135,22 +139,19 @@ def _fast_row(raw, kind, above, out):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit
-def _spread(bits, line):  # type: ignore[no-untyped-def]
-    """A packed row as bytes, 255 where solid."""
-    for x in range(line.shape[0]):
-        line[x] = np.uint8(U0 - ((bits[x >> 6] >> np.uint64(x & 63)) & U1))
-
-
-@njit(types.int64(GREYS, types.int64, types.int64, types.uint8, WORK, LINES, IMAGE), cache=True, nogil=True)
-def unfilter_8bit(raw, y, width, threshold, rows, lines, image):  # type: ignore[no-untyped-def]
-    """Filtered rows of an 8-bit image, the first of them row `y`, → packed rows.
+@njit(
+    types.int64(GREYS, types.int64, types.int64, types.uint8, WORK, LINES, FIRSTS, AT, TARGET, types.int64),
+    cache=True,
+    nogil=True,
+)
+def unfilter_8bit(raw, y, width, threshold, rows, lines, firsts, at, values, used):  # type: ignore[no-untyped-def]
+    """Filtered rows of an 8-bit image, the first of them row `y`, → packed rows, and words with greys.
 
     raw    whole rows of 1 + width bytes
     lines  (3, width) uint8, the same from call to call: the row above if it has greys, this row, [2, 0] says which
-    image  (H, W) uint8 for all the grey values, its rows before `y` filled in; or with no rows
-    returns how many rows were done: fewer than there are where the next one has greys and `image` no rows; -1 for a
-    filter that does not exist
+    firsts, at, values  as in `layerfix.layers.grey_image.GreyImage`, with room for every word of these rows
+    used   words with greys so far
+    returns how many there are then; -1 for a filter that does not exist
     """
     above, line, has_greys = lines[0], lines[1], lines[2]
     none_above = np.zeros(rows.shape[1], np.uint64)
@@ -161,31 +162,21 @@ def unfilter_8bit(raw, y, width, threshold, rows, lines, image):  # type: ignore
         fast = kind <= SUB or (kind == UP and has_greys[0] == 0)
         if fast and _fast_row(here, kind, bits_above, out):
             has_greys[0] = 0
-            if image.shape[0]:
-                _spread(out, image[y + k])
-            continue
-        if has_greys[0] == 0:
-            _spread(bits_above, above)
-        if not _unfilter(kind, here, above, line):
-            return -1
-        greys = _pack_line(line, threshold, out)
-        if greys and image.shape[0] == 0:
-            return k
-        if image.shape[0]:
-            for x in range(width):
-                image[y + k, x] = line[x]
-        has_greys[0] = greys
-        if greys:
-            for x in range(width):
-                above[x] = line[x]
-    return raw.shape[0] // (width + 1)
-
-
-@njit(types.void(WORK, types.int64, IMAGE), cache=True, nogil=True)
-def spread_rows(rows, count, image):  # type: ignore[no-untyped-def]
-    """The first `count` packed rows as bytes, 255 where solid."""
-    for y in range(count):
-        _spread(rows[y], image[y])
+        else:
+            if has_greys[0] == 0:
+                spread_bits(bits_above, above)
+            if not _unfilter(kind, here, above, line):
+                return -1
+            found = _pack_line(line, threshold, out, at, values, used)
+            used += found
+            has_greys[0] = found > 0
+            if found:
+                above, line = line, above
+        firsts[y + k + 1] = used
+    if has_greys[0]:  # in the next call, the row above is the first line again
+        for x in range(width):
+            lines[0, x] = above[x]
+    return used
 
 
 @njit(types.int64(GREYS, types.int64, types.int64, WORK, LINES), cache=True, nogil=True)
