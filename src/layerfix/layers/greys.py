@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import types
 
-from layerfix.bits import ROWS, U0, U1, WORK, lowest_bit, words_for
+from layerfix.bits import ROWS, U0, U1, U63, WORK, lowest_bit, words_for
 from layerfix.kernels import njit
 from layerfix.layers.flood import flood
 from layerfix.layers.grey_image import IMAGE, TARGET, GreyImage, Greys, bands_of
-from layerfix.layers.morphology import dilate, opened
+from layerfix.layers.morphology import HALF_WIDTHS, dilate, disc_half_widths, opened
 from layerfix.layers.neighbours import around, is_simple
 
 if TYPE_CHECKING:
@@ -93,6 +93,84 @@ def _prune(solid, doubtful):  # type: ignore[no-untyped-def]
                         again = True
 
 
+@njit(types.void(ROWS, WORK), cache=True, nogil=True)
+def _around(rows, out):  # type: ignore[no-untyped-def]
+    """out = rows ⊕ the 3 × 3 square; bits past the width are as they come."""
+    height, words = rows.shape
+    for y in range(height):
+        west = U0
+        for w in range(words):
+            here = rows[y, w]
+            if y > 0:
+                here |= rows[y - 1, w]
+            if y + 1 < height:
+                here |= rows[y + 1, w]
+            out[y, w] = here | (here << U1) | (west >> U63)
+            if w > 0:
+                out[y, w - 1] |= here << U63
+            out[y, w] |= here >> U1
+            west = here
+
+
+def around_px(rows: Rows, within: Rows) -> Rows:
+    """(H, words): the pixels of `within` that are, or have around them, a pixel of `rows`."""
+    out = np.empty_like(rows)
+    _around(rows, out)
+    out &= within
+    return out
+
+
+@njit
+def _set(rows, width, y, x):  # type: ignore[no-untyped-def]
+    """Pixel (y, x); void outside the frame."""
+    if y < 0 or x < 0 or y >= rows.shape[0] or x >= width:
+        return False
+    return (rows[y, x >> 6] >> np.uint64(x & 63)) & U1 != U0
+
+
+@njit
+def _in_cross(rows, width, y, x):  # type: ignore[no-untyped-def]
+    """Whether pixel (y, x) lies in a cross of five pixels of `rows`."""
+    if not _set(rows, width, y, x):
+        return False
+    for dy, dx in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
+        v, u = y + dy, x + dx
+        if (
+            _set(rows, width, v, u)
+            and _set(rows, width, v, u + 1)
+            and _set(rows, width, v, u - 1)
+            and _set(rows, width, v + 1, u)
+            and _set(rows, width, v - 1, u)
+        ):
+            return True
+    return False
+
+
+@njit(types.void(WORK, ROWS, HALF_WIDTHS), cache=True, nogil=True)
+def _near_wide(pixels, solid, half_widths):  # type: ignore[no-untyped-def]
+    """Of `pixels`, keep those with a pixel of what is wider than two pixels (S opened by a cross) in the disc around
+    them."""
+    height, words = pixels.shape
+    width, reach = 64 * words, half_widths.shape[0] - 1
+    for y in range(height):
+        for w in range(words):
+            left = pixels[y, w]
+            while left != U0:
+                x = w * 64 + lowest_bit(left)
+                left &= left - U1
+                found = False
+                dy = -reach
+                while dy <= reach and not found:
+                    half = half_widths[abs(dy)]
+                    for u in range(x - half, x + half + 1):
+                        if _in_cross(solid, width, y + dy, u):
+                            found = True
+                            break
+                    dy += 1
+                if not found:
+                    pixels[y, w] &= ~(U1 << np.uint64(x & 63))
+
+
 class Seen(NamedTuple):
     """What of a grey layer is solid, and which of it is a dimmed interior, to be left as it is; packed."""
 
@@ -120,10 +198,11 @@ def solid_rows(image: Values | GreyImage, threshold: int, grey_floor: int) -> Se
     width = image.shape[1]
     dimmed = _dimmed(dim, faint, width)
     crest = _crests(image, dim)
-    wide = dilate(opened(solid, width, (1.0, 1.0)), width, (4.0, 4.0))
+    doubtful = crest & ~solid
+    _near_wide(doubtful, solid, disc_half_widths(4.0, 4.0))
     lone = faint & ~flood(solid, faint)
     found = solid | crest
-    _prune(found, crest & wide)
+    _prune(found, doubtful)
     found |= lone
     return Seen(found if dimmed is None else found | dimmed, dimmed)
 
@@ -143,8 +222,7 @@ def _crests(image: GreyImage, dim: Rows) -> Rows:
 
 def _dimmed(dim: Rows, faint: Rows, width: int) -> Rows | None:
     """Dim pixels that bright ones shut off from the void, and the bright ones between, where they fill an area."""
-    void = ~faint
-    inside = dim & ~flood(dim & dilate(void, width, (1.5, 1.5)), dim)
+    inside = dim & ~flood(around_px(~faint, dim), dim)
     if int(np.bitwise_count(inside).sum()) < PATTERN_PX:
         return None
     found = opened(dilate(inside, width, (1.5, 1.5)), width, (2.5, 2.5)) & faint
@@ -246,8 +324,7 @@ def greys_with_correction(
     bright = image.at_least(threshold)
     kept = bright if dimmed is None else bright | dimmed
     gone, added = before & ~after, after & ~kept
-    width = image.shape[1]
-    rim = dilate(added, width, (1.5, 1.5)) & ~after & ~kept
+    rim = around_px(added, ~after & ~kept)
     stencil = np.round(255 * disc_coverage(*radius_px, offset_px)).astype(np.uint8)
     drawn = after if dimmed is None else after & ~dimmed
     return Greys(image.shape, partial(_corrected_bands, image, gone, added, drawn, rim, paths, stencil, threshold))
