@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import types
 
-from layerfix.bits import ROWS, U0, U1, WORK, words_for
+from layerfix.bits import ALL, ROWS, U0, U1, WORK, words_for
 from layerfix.kernels import njit
 
 if TYPE_CHECKING:
@@ -56,20 +56,38 @@ def spread_bits(bits, line):  # type: ignore[no-untyped-def]
 
 
 @njit
+def pack_octets(octets, first):  # type: ignore[no-untyped-def]
+    """(64 greys as bits, False) if all are 0 or 255, from octets[first] on; else (anything, True)."""
+    some, every, word = U0, ALL, U0
+    for k in range(8):
+        some |= octets[first + k]
+        every &= octets[first + k]
+    if some == U0 or every == ALL:
+        return every, False
+    for k in range(8):
+        on = (octets[first + k] >> np.uint64(7)) & ONES
+        if on * np.uint64(255) != octets[first + k]:
+            return word, True
+        # Eight bits from the eight bytes: each moves to the top byte, to a place of its own.
+        word |= ((on * np.uint64(0x0102040810204080)) >> np.uint64(56)) << np.uint64(8 * k)
+    return word, False
+
+
+@njit
 def pack_part(part, threshold):  # type: ignore[no-untyped-def]
     """(the bits of up to 64 greys from `threshold` on, whether one of them is neither 0 nor 255)."""
-    word, greys = U0, np.uint8(0)
+    if part.shape[0] == 64:
+        word, greys = pack_octets(part.view(np.uint64), 0)
+        if greys:
+            word = U0
+            for i in range(64):
+                word |= np.uint64(part[i] >= threshold) << np.uint64(i)
+        return word, greys
+    word, seen = U0, np.uint8(0)
     for i in range(part.shape[0]):
-        greys |= np.uint8(part[i] + np.uint8(1)) & np.uint8(254)
-    if greys == np.uint8(0) and part.shape[0] == 64:
-        octets = part.view(np.uint64)
-        for k in range(8):
-            # Eight bits from the eight bytes: each moves to the top byte, to a place of its own.
-            word |= (((octets[k] & ONES) * np.uint64(0x0102040810204080)) >> np.uint64(56)) << np.uint64(8 * k)
-        return word, False
-    for i in range(part.shape[0]):
+        seen |= np.uint8(part[i] + np.uint8(1)) & np.uint8(254)
         word |= np.uint64(part[i] >= threshold) << np.uint64(i)
-    return word, greys != np.uint8(0)
+    return word, seen != np.uint8(0)
 
 
 @njit(types.int64(IMAGE, WORK, FIRSTS), cache=True, nogil=True)

@@ -77,16 +77,17 @@ def rows_8bit(pieces: Iterable[NDArray[np.uint8]], size_px: tuple[int, int], thr
         count = len(piece) // (1 + width)
         needed = used + count * words
         if needed > len(at):
-            at, values = _longer(at, used, needed), _longer(values, used, needed)
+            more = used * (height - y) * 5 // (4 * max(y, 1))  # if the rest is as what has been
+            at, values = _longer(at, used, needed + more), _longer(values, used, needed + more)
         done = unfilter_8bit(piece, y, width, threshold, rows, lines, firsts, at, values, used)
         _check_filter(done, where)
         y, used = y + count, done
     return Decoded(rows, GreyImage(width, rows.copy(), firsts, at[:used], values[:used]) if used else None)
 
 
-def _longer(array: NDArray[Any], used: int, needed: int) -> NDArray[Any]:
-    """The first `used` of an array, with room for more than `needed`; what is not written to takes no memory."""
-    longer = np.empty((needed + used // 2, *array.shape[1:]), array.dtype)
+def _longer(array: NDArray[Any], used: int, length: int) -> NDArray[Any]:
+    """The first `used` of an array, with room for `length`; what is not written to takes no memory."""
+    longer = np.empty((length, *array.shape[1:]), array.dtype)
     longer[:used] = array[:used]
     return longer
 

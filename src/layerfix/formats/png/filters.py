@@ -11,7 +11,7 @@ from numba import types
 
 from layerfix.bits import U0, U1, U63, WORK
 from layerfix.kernels import njit
-from layerfix.layers.grey_image import AT, FIRSTS, ONES, TARGET, pack_part, spread_bits
+from layerfix.layers.grey_image import AT, FIRSTS, ONES, TARGET, pack_octets, pack_part, spread_bits
 
 GREYS = types.Array(types.uint8, 1, "C", readonly=True)
 LINES = types.Array(types.uint8, 2, "C")
@@ -30,16 +30,7 @@ def _unfilter(kind, raw, above, line):  # type: ignore[no-untyped-def]
             line[i] = raw[i] + above[i]
     elif kind == SUB:
         left = np.uint8(0)
-        whole, same = n & ~7, n >> 3
-        octets, done = raw[:whole].view(np.uint64), line[:whole].view(np.uint64)
-        for k in range(same):
-            if octets[k] == U0:  # as the pixel to the left, eight times
-                done[k] = np.uint64(left) * ONES
-                continue
-            for i in range(8 * k, 8 * k + 8):
-                left = np.uint8(left + raw[i])
-                line[i] = left
-        for i in range(whole, n):
+        for i in range(n):
             left = np.uint8(left + raw[i])
             line[i] = left
     elif kind == AVERAGE:
@@ -62,19 +53,54 @@ def _unfilter(kind, raw, above, line):  # type: ignore[no-untyped-def]
 
 
 @njit
+def _note(part, threshold, w, out, at, values, found):  # type: ignore[no-untyped-def]
+    """Pack up to 64 greys, and keep them if one is neither 0 nor 255. Returns how many words are kept then."""
+    out[w], greys = pack_part(part, threshold)
+    if greys:
+        at[found] = w
+        for i in range(part.shape[0]):
+            values[found, i] = part[i]
+        for i in range(part.shape[0], 64):
+            values[found, i] = np.uint8(0)
+        found += 1
+    return found
+
+
+@njit
 def _pack_line(line, threshold, out, at, values, used):  # type: ignore[no-untyped-def]
     """Pack one row of greys, and note the words of it that have one that is neither 0 nor 255. How many there are."""
     width, found = line.shape[0], used
+    octets = line[: width // 64 * 64].view(np.uint64)
     for w in range(out.shape[0]):
-        part = line[w * 64 : min(w * 64 + 64, width)]
-        out[w], greys = pack_part(part, threshold)
-        if greys:
-            at[found] = w
-            for i in range(part.shape[0]):
-                values[found, i] = part[i]
-            for i in range(part.shape[0], 64):
-                values[found, i] = np.uint8(0)
-            found += 1
+        if w < width // 64:
+            word, greys = pack_octets(octets, 8 * w)
+            if not greys:
+                out[w] = word
+                continue
+        found = _note(line[w * 64 : min(w * 64 + 64, width)], threshold, w, out, at, values, found)
+    return found - used
+
+
+@njit
+def _sub_line(raw, line, threshold, out, at, values, used):  # type: ignore[no-untyped-def]
+    """`_unfilter` of filter Sub and `_pack_line` at once: words in which nothing changes are as the pixel before."""
+    width, found, left = line.shape[0], used, np.uint8(0)
+    whole = width // 64
+    octets, done = raw[: whole * 64].view(np.uint64), line[: whole * 64].view(np.uint64)
+    for w in range(out.shape[0]):
+        if w < whole and (left in (0, 255)):
+            seen = U0
+            for k in range(8):
+                seen |= octets[8 * w + k]
+            if seen == U0:
+                out[w] = np.uint64(left) * ONES
+                for k in range(8):
+                    done[8 * w + k] = out[w]
+                continue
+        for i in range(64 * w, min(64 * w + 64, width)):
+            left = np.uint8(left + raw[i])
+            line[i] = left
+        found = _note(line[w * 64 : min(w * 64 + 64, width)], threshold, w, out, at, values, found)
     return found - used
 
 
@@ -165,9 +191,12 @@ def unfilter_8bit(raw, y, width, threshold, rows, lines, firsts, at, values, use
         else:
             if has_greys[0] == 0:
                 spread_bits(bits_above, above)
-            if not _unfilter(kind, here, above, line):
+            if kind == SUB:
+                found = _sub_line(here, line, threshold, out, at, values, used)
+            elif _unfilter(kind, here, above, line):
+                found = _pack_line(line, threshold, out, at, values, used)
+            else:
                 return -1
-            found = _pack_line(line, threshold, out, at, values, used)
             used += found
             has_greys[0] = found > 0
             if found:
