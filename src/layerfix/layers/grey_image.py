@@ -209,10 +209,11 @@ class GreyImage(Greys):
         _take_greys(image, at, values)
         return cls(width, bright, firsts, at, values)
 
-    def at_least(self, threshold: int) -> Rows:
-        """(H, words): the pixels from `threshold` on, 1 … 255."""
-        rows = self.bright.copy()
-        _cut(self.firsts, self.at, self.values, threshold, rows)
+    def at_least(self, threshold: int, first: int = 0, stop: int | None = None) -> Rows:
+        """(H, words): the pixels from `threshold` on, 1 … 255; of all rows, or of some."""
+        stop = self.shape[0] if stop is None else stop
+        rows = self.bright[first:stop].copy()
+        _cut(self.firsts[first : stop + 1], self.at, self.values, threshold, rows)
         return rows
 
     def rows(self, first: int, stop: int, room: Values | None = None) -> Values:

@@ -196,12 +196,19 @@ def solid_rows(image: Values | GreyImage, threshold: int, grey_floor: int) -> Se
     if not dim.any():
         return Seen(solid, None)
     width = image.shape[1]
+    # No more images at once than need be: each is 7 MB of a 12K layer.
     dimmed = _dimmed(dim, faint, width)
     crest = _crests(image, dim)
-    doubtful = crest & ~solid
+    del dim
+    lone = flood(solid, faint)
+    np.invert(lone, out=lone)
+    lone &= faint
+    del faint
+    doubtful = crest.copy()
     _near_wide(doubtful, solid, disc_half_widths(4.0, 4.0))
-    lone = faint & ~flood(solid, faint)
-    found = solid | crest
+    found = solid
+    found |= crest
+    del crest
     _prune(found, doubtful)
     found |= lone
     return Seen(found if dimmed is None else found | dimmed, dimmed)
@@ -222,7 +229,9 @@ def _crests(image: GreyImage, dim: Rows) -> Rows:
 
 def _dimmed(dim: Rows, faint: Rows, width: int) -> Rows | None:
     """Dim pixels that bright ones shut off from the void, and the bright ones between, where they fill an area."""
-    inside = dim & ~flood(around_px(~faint, dim), dim)
+    inside = flood(around_px(~faint, dim), dim)
+    np.invert(inside, out=inside)
+    inside &= dim
     if int(np.bitwise_count(inside).sum()) < PATTERN_PX:
         return None
     found = opened(dilate(inside, width, (1.5, 1.5)), width, (2.5, 2.5)) & faint
@@ -321,34 +330,33 @@ def greys_with_correction(
     radius_px      (rx, ry) of F; offset_px: of its middle from a path pixel's centre, half a pixel where F is even
     dimmed         what is left as it is, packed
     """
-    bright = image.at_least(threshold)
-    kept = bright if dimmed is None else bright | dimmed
-    gone, added = before & ~after, after & ~kept
-    rim = around_px(added, ~after & ~kept)
     stencil = np.round(255 * disc_coverage(*radius_px, offset_px)).astype(np.uint8)
-    drawn = after if dimmed is None else after & ~dimmed
-    return Greys(image.shape, partial(_corrected_bands, image, gone, added, drawn, rim, paths, stencil, threshold))
+    return Greys(image.shape, partial(_corrected_bands, image, before, after, paths, dimmed, stencil, threshold))
 
 
 def _corrected_bands(
     image: GreyImage,
-    gone: Rows,
-    added: Rows,
-    drawn: Rows,
-    rim: Rows,
+    before: Rows,
+    after: Rows,
     paths: Rows,
+    dimmed: Rows | None,
     stencil: Values,
     threshold: int,
 ) -> Iterator[Values]:
-    """The bands of `greys_with_correction`, each made with as many rows around it as the stencil reaches."""
+    """The bands of `greys_with_correction`, each made with the rows around it that the stencil and the rim reach."""
     height, width = image.shape
-    reach, draws, room = len(stencil) // 2, bool(added.any()), None
+    reach, room = len(stencil) // 2 + 1, None
     for first, stop in bands_of(height, width):
         top, bottom = max(first - reach, 0), min(stop + reach, height)
         room = np.empty((stop - first + 2 * reach, width), np.uint8) if room is None else room
-        band = image.rows(top, bottom, room)
-        _set_where(band, gone[top:bottom], 0, False)
-        if draws:
-            _draw(band, paths[top:bottom], drawn[top:bottom], rim[top:bottom], stencil, threshold)
-            _set_where(band, added[top:bottom], threshold, True)  # of F, whose disc covers a little less than half
+        band, now = image.rows(top, bottom, room), after[top:bottom]
+        bright = image.at_least(threshold, top, bottom)
+        kept = bright if dimmed is None else bright | dimmed[top:bottom]
+        added = now & ~kept
+        _set_where(band, before[top:bottom] & ~now, 0, False)
+        if added.any():
+            rim = around_px(added, ~now & ~kept)
+            drawn = now if dimmed is None else now & ~dimmed[top:bottom]
+            _draw(band, paths[top:bottom], drawn, rim, stencil, threshold)
+            _set_where(band, added, threshold, True)  # of F, whose disc covers a little less than half
         yield band[first - top : stop - top]

@@ -82,7 +82,8 @@ def rows_8bit(pieces: Iterable[NDArray[np.uint8]], size_px: tuple[int, int], thr
         done = unfilter_8bit(piece, y, width, threshold, rows, lines, firsts, at, values, used)
         _check_filter(done, where)
         y, used = y + count, done
-    return Decoded(rows, GreyImage(width, rows.copy(), firsts, at[:used], values[:used]) if used else None)
+    # One array for both: of a layer with greys, nobody writes to the rows.
+    return Decoded(rows, GreyImage(width, rows, firsts, at[:used], values[:used]) if used else None)
 
 
 def _longer(array: NDArray[Any], used: int, length: int) -> NDArray[Any]:
