@@ -5,6 +5,7 @@ pixel turned on or off against the one to its left (Sub), above (Up) or against 
 at a time are packed to bits, and the filter is undone on 64 pixels at once: an XOR with the row above, or a
 running XOR along the row. Rows with greys, or with other filters, take the general way, a byte at a time;
 every other kind of PNG (16-bit, palette, colour, interlaced) is read by Pillow.
+Of a row with greys only the words that have one are kept as bytes (`layerfix.layers.grey_image`).
 
 The image is inflated in pieces that stay in the processor's cache: 59 MB of a 12K layer take 6 ms so, and 40 ms
 when they are written to fresh memory.
