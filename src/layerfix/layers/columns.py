@@ -130,10 +130,14 @@ def to_rows(columns, outer, width, rows):  # type: ignore[no-untyped-def]
     """OR columns back into a frame `width` pixels wide, leaving out what lies beyond it."""
     y0, y1, w0, w1 = outer
     first, stop = max(w0, 0), min(w1, rows.shape[1])
+    top, bottom = max(y0, 0), min(y1, rows.shape[0])
     for group in range(first, stop, 8):
-        for y in range(max(y0, 0), min(y1, rows.shape[0])):
+        for y in range(top, bottom, BLOCK):
             for w in range(group, min(group + 8, stop)):
-                rows[y, w] |= columns[w - w0, y - y0]
+                part = columns[w - w0, y - y0 : min(y + BLOCK, bottom) - y0]
+                for i in range(part.shape[0]):
+                    if part[i] != U0:
+                        rows[y + i, w] |= part[i]
     if width & 63:
         keep = (U1 << np.uint64(width & 63)) - U1
         last = rows.shape[1] - 1

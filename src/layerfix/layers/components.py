@@ -9,7 +9,7 @@ from numba import types
 
 from layerfix.bits import ALL, ROWS, U0, U1, U63, WORK, lowest_bit, popcount
 from layerfix.kernels import njit
-from layerfix.layers.columns import bounding_box, to_columns, with_border
+from layerfix.layers.columns import BLOCK, bounding_box, to_columns, with_border
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,12 +22,12 @@ AREA, LEFT, TOP, RIGHT, BOTTOM = range(5)  # columns of `measured_parts`
 
 
 @njit
-def _row_runs(columns, y, of_void, runs, n):  # type: ignore[no-untyped-def]
-    """Append (row, first, past the last) of the runs of set (or clear) bits in a row; returns their number."""
-    words = columns.shape[0]
+def _row_runs(line, y, of_void, runs, n):  # type: ignore[no-untyped-def]
+    """Append (row, first, past the last) of the runs of set (or clear) bits in row y; returns their number."""
+    words = line.shape[0]
     start, inside = 0, False
     for w in range(words):
-        word = ~columns[w, y] if of_void else columns[w, y]
+        word = ~line[w] if of_void else line[w]
         if word == U0 and not inside:
             continue
         if word == ~U0 and inside:
@@ -75,9 +75,14 @@ def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
     runs, parent = np.empty((most, 3), np.int64), np.empty(most, np.int64)
     reach = 0 if of_void else 1
     n, above, above_stop, count = 0, 0, 0, 0
+    lines = np.empty((BLOCK, words), np.uint64)  # rows of columns, as many as a cache line holds
     for y in range(height):
         first = n
-        n = _row_runs(columns, y, of_void, runs, n)
+        if y % BLOCK == 0:
+            for w in range(words):
+                for i in range(min(BLOCK, height - y)):
+                    lines[i, w] = columns[w, y + i]
+        n = _row_runs(lines[y % BLOCK], y, of_void, runs, n)
         k = above
         for i in range(first, n):
             parent[i] = i

@@ -107,23 +107,24 @@ def _corrected(
     if outer[1] == 0:
         return None
     out = np.zeros(rows.shape, np.uint64)
-    solid, anchor, skeleton, printed, paths, *scratch = room.columns(outer, 5 + scratch_images(spurs))
+    solid, anchor, skeleton, *scratch = room.columns(outer, 3 + max(scratch_images(spurs), 3))
     fill_columns(rows, outer, solid)
     anchor_columns(solid, half_widths, *block, anchor, scratch[0])
-    open_columns(anchor, half_widths, printed, scratch[0])
     skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch, room)
+    printed, paths, spare = scratch[:3]
+    open_columns(anchor, half_widths, printed, spare)
     centres = paths
     conflicts: list[Found] = []
     if find_paths(solid, skeleton, anchor, printed, half_widths, *block, feature.by_size, paths):
         if free is not None and shifts:
             centres, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
-        draw_paths(centres, printed, half_widths, *block, scratch[0])
+        draw_paths(centres, printed, half_widths, *block, spare)
     dots = np.empty_like(solid) if small is not None else solid
     if small is not None and missing_places(printed, small, outer[0], 64 * outer[2], dots):
         if free is not None and shifts:
             dots, more = _kept_out(solid, dots, outer, feature, free, pixel_mm)
             conflicts += more
-        draw_paths(dots, printed, half_widths, *block, scratch[0])
+        draw_paths(dots, printed, half_widths, *block, spare)
         paths, centres = paths | dots & solid, centres | dots
     if add_only:
         np.bitwise_or(printed, solid, out=printed)
@@ -302,7 +303,7 @@ class _Correction:
             rows |= specks
         solid, added, removed = _count_changes(layer.rows, rows)
         paths = None
-        if layer.source is not None or self.keep_paths:
+        if getattr(layer.source, "grey", None) is not None or self.keep_paths:
             paths = np.zeros_like(rows)
             to_rows(found.centres, outer, layer.width, paths)
             if layer.raised_px and layer.source is not None:

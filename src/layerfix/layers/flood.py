@@ -38,12 +38,15 @@ def _fill_row(line, mask, beside):  # type: ignore[no-untyped-def]
     changed = U0
     carry = U0
     for w in range(words):
+        old = line[w]
+        if old == mask[w]:  # nothing left to take in, as in most words
+            carry = old >> U63
+            continue
         near = beside[w] | (beside[w] << U1) | (beside[w] >> U1)
         if w:
             near |= beside[w - 1] >> U63
         if w + 1 < words:
             near |= beside[w + 1] << U63
-        old = line[w]
         new = _smear_up((old | near | carry) & mask[w], mask[w])
         carry = new >> U63
         line[w] = new
@@ -51,6 +54,9 @@ def _fill_row(line, mask, beside):  # type: ignore[no-untyped-def]
     carry = U0
     for w in range(words - 1, -1, -1):
         old = line[w]
+        if old == mask[w]:
+            carry = (old & U1) << U63
+            continue
         new = _smear_down(old | (carry & mask[w]), mask[w])
         carry = (new & U1) << U63
         line[w] = new

@@ -7,26 +7,28 @@ in mode "add_only" none gets darker.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import types
 
-from layerfix.bits import ROWS, U0, U1, WORK, lowest_bit, words_for
+from layerfix.bits import ROWS, U0, U1, U63, WORK, lowest_bit, words_for
 from layerfix.kernels import njit
 from layerfix.layers.flood import flood
-from layerfix.layers.morphology import dilate, opened
+from layerfix.layers.grey_image import IMAGE, TARGET, GreyImage, Greys, bands_of
+from layerfix.layers.morphology import HALF_WIDTHS, dilate, disc_half_widths, opened
 from layerfix.layers.neighbours import around, is_simple
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
 
-    Greys = NDArray[np.uint8]
+    Values = NDArray[np.uint8]
 
-IMAGE = types.Array(types.uint8, 2, "C", readonly=True)
-TARGET = types.Array(types.uint8, 2, "C")
 U8 = np.uint8(1)
 PATTERN_PX = 16  # dim pixels: fewer are no pattern
 SUBSTEPS = 64  # columns a pixel is cut into for its coverage; each is exact in y
@@ -44,7 +46,7 @@ def _pack_from(image, threshold, rows):  # type: ignore[no-untyped-def]
             rows[y, w] = word
 
 
-def pack_from(image: Greys, threshold: int) -> Rows:
+def pack_from(image: Values, threshold: int) -> Rows:
     """(H, W) uint8 → (H, words): solid where the value is at least `threshold`, 1 … 255."""
     rows = np.empty((image.shape[0], words_for(image.shape[1])), np.uint64)
     _pack_from(np.ascontiguousarray(image), threshold, rows)
@@ -91,6 +93,84 @@ def _prune(solid, doubtful):  # type: ignore[no-untyped-def]
                         again = True
 
 
+@njit(types.void(ROWS, WORK), cache=True, nogil=True)
+def _around(rows, out):  # type: ignore[no-untyped-def]
+    """out = rows ⊕ the 3 × 3 square; bits past the width are as they come."""
+    height, words = rows.shape
+    for y in range(height):
+        west = U0
+        for w in range(words):
+            here = rows[y, w]
+            if y > 0:
+                here |= rows[y - 1, w]
+            if y + 1 < height:
+                here |= rows[y + 1, w]
+            out[y, w] = here | (here << U1) | (west >> U63)
+            if w > 0:
+                out[y, w - 1] |= here << U63
+            out[y, w] |= here >> U1
+            west = here
+
+
+def around_px(rows: Rows, within: Rows) -> Rows:
+    """(H, words): the pixels of `within` that are, or have around them, a pixel of `rows`."""
+    out = np.empty_like(rows)
+    _around(rows, out)
+    out &= within
+    return out
+
+
+@njit
+def _set(rows, width, y, x):  # type: ignore[no-untyped-def]
+    """Pixel (y, x); void outside the frame."""
+    if y < 0 or x < 0 or y >= rows.shape[0] or x >= width:
+        return False
+    return (rows[y, x >> 6] >> np.uint64(x & 63)) & U1 != U0
+
+
+@njit
+def _in_cross(rows, width, y, x):  # type: ignore[no-untyped-def]
+    """Whether pixel (y, x) lies in a cross of five pixels of `rows`."""
+    if not _set(rows, width, y, x):
+        return False
+    for dy, dx in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
+        v, u = y + dy, x + dx
+        if (
+            _set(rows, width, v, u)
+            and _set(rows, width, v, u + 1)
+            and _set(rows, width, v, u - 1)
+            and _set(rows, width, v + 1, u)
+            and _set(rows, width, v - 1, u)
+        ):
+            return True
+    return False
+
+
+@njit(types.void(WORK, ROWS, HALF_WIDTHS), cache=True, nogil=True)
+def _near_wide(pixels, solid, half_widths):  # type: ignore[no-untyped-def]
+    """Of `pixels`, keep those with a pixel of what is wider than two pixels (S opened by a cross) in the disc around
+    them."""
+    height, words = pixels.shape
+    width, reach = 64 * words, half_widths.shape[0] - 1
+    for y in range(height):
+        for w in range(words):
+            left = pixels[y, w]
+            while left != U0:
+                x = w * 64 + lowest_bit(left)
+                left &= left - U1
+                found = False
+                dy = -reach
+                while dy <= reach and not found:
+                    half = half_widths[abs(dy)]
+                    for u in range(x - half, x + half + 1):
+                        if _in_cross(solid, width, y + dy, u):
+                            found = True
+                            break
+                    dy += 1
+                if not found:
+                    pixels[y, w] &= ~(U1 << np.uint64(x & 63))
+
+
 class Seen(NamedTuple):
     """What of a grey layer is solid, and which of it is a dimmed interior, to be left as it is; packed."""
 
@@ -98,7 +178,7 @@ class Seen(NamedTuple):
     dimmed: Rows | None
 
 
-def solid_rows(image: Greys, threshold: int, grey_floor: int) -> Seen:
+def solid_rows(image: Values | GreyImage, threshold: int, grey_floor: int) -> Seen:
     """What of a grey layer is solid: (H, W) uint8 → (H, words).
 
     Pixels from `threshold` on. From `grey_floor` on (0: none), also
@@ -107,28 +187,51 @@ def solid_rows(image: Greys, threshold: int, grey_floor: int) -> Seen:
       pixels, where a crest may be the tip of a corner, only what holds parts together;
     - what is dim inside of what is bright: a pattern that dims the exposure, not walls and gaps.
     """
-    solid = pack_from(image, threshold)
+    image = GreyImage.of(image)
+    solid = image.at_least(threshold)
     if not 0 < grey_floor < threshold:
         return Seen(solid, None)
-    faint = pack_from(image, grey_floor)
+    faint = image.at_least(grey_floor)
     dim = faint & ~solid
     if not dim.any():
         return Seen(solid, None)
     width = image.shape[1]
+    # No more images at once than need be: each is 7 MB of a 12K layer.
     dimmed = _dimmed(dim, faint, width)
-    crest = _ridges(np.ascontiguousarray(image), dim)
-    wide = dilate(opened(solid, width, (1.0, 1.0)), width, (4.0, 4.0))
-    lone = faint & ~flood(solid, faint)
-    found = solid | crest
-    _prune(found, crest & wide)
+    crest = _crests(image, dim)
+    del dim
+    lone = flood(solid, faint)
+    np.invert(lone, out=lone)
+    lone &= faint
+    del faint
+    doubtful = crest.copy()
+    _near_wide(doubtful, solid, disc_half_widths(4.0, 4.0))
+    found = solid
+    found |= crest
+    del crest
+    _prune(found, doubtful)
     found |= lone
     return Seen(found if dimmed is None else found | dimmed, dimmed)
 
 
+def _crests(image: GreyImage, dim: Rows) -> Rows:
+    """`_ridges` of the image, a band at a time: it looks two rows up and one down."""
+    height, width = image.shape
+    crest, room = np.zeros_like(dim), None
+    for first, stop in bands_of(height, width):
+        if dim[first:stop].any():
+            top, bottom = max(first - 2, 0), min(stop + 1, height)
+            room = np.empty((stop - first + 3, width), np.uint8) if room is None else room
+            found = _ridges(image.rows(top, bottom, room), dim[top:bottom])
+            crest[first:stop] = found[first - top : stop - top]
+    return crest
+
+
 def _dimmed(dim: Rows, faint: Rows, width: int) -> Rows | None:
     """Dim pixels that bright ones shut off from the void, and the bright ones between, where they fill an area."""
-    void = ~faint
-    inside = dim & ~flood(dim & dilate(void, width, (1.5, 1.5)), dim)
+    inside = flood(around_px(~faint, dim), dim)
+    np.invert(inside, out=inside)
+    inside &= dim
     if int(np.bitwise_count(inside).sum()) < PATTERN_PX:
         return None
     found = opened(dilate(inside, width, (1.5, 1.5)), width, (2.5, 2.5)) & faint
@@ -191,7 +294,26 @@ def _set_where(image, rows, value, raise_only):  # type: ignore[no-untyped-def]
 
 
 def corrected_greys(
-    image: Greys,
+    image: Values,
+    before: Rows,
+    after: Rows,
+    paths: Rows,
+    radius_px: tuple[float, float],
+    threshold: int,
+    *,
+    offset_px: tuple[float, float] = (0.0, 0.0),
+    dimmed: Rows | None = None,
+) -> Values:
+    """`greys_with_correction` as an array."""
+    return np.asarray(
+        greys_with_correction(
+            GreyImage.of(image), before, after, paths, radius_px, threshold, offset_px=offset_px, dimmed=dimmed
+        )
+    )
+
+
+def greys_with_correction(
+    image: GreyImage,
     before: Rows,
     after: Rows,
     paths: Rows,
@@ -201,23 +323,40 @@ def corrected_greys(
     offset_px: tuple[float, float] = (0.0, 0.0),
     dimmed: Rows | None = None,
 ) -> Greys:
-    """A grey layer with its correction drawn in: (H, W) uint8 → (H, W) uint8.
+    """A grey layer with its correction drawn in: (H, W) → (H, W), made in bands when asked for.
 
     before, after  what was solid (`solid_rows`) and what is, packed
     paths          where F was drawn, packed
     radius_px      (rx, ry) of F; offset_px: of its middle from a path pixel's centre, half a pixel where F is even
     dimmed         what is left as it is, packed
     """
-    out = image.copy()
-    bright = pack_from(image, threshold)
-    kept = bright if dimmed is None else bright | dimmed
-    _set_where(out, before & ~after, 0, False)
-    added = after & ~kept
-    if not added.any():
-        return out
-    width = image.shape[1]
-    rim = dilate(added, width, (1.5, 1.5)) & ~after & ~kept
     stencil = np.round(255 * disc_coverage(*radius_px, offset_px)).astype(np.uint8)
-    _draw(out, paths, after if dimmed is None else after & ~dimmed, rim, stencil, threshold)
-    _set_where(out, added, threshold, True)  # pixels of F whose disc covers a little less than half of them
-    return out
+    return Greys(image.shape, partial(_corrected_bands, image, before, after, paths, dimmed, stencil, threshold))
+
+
+def _corrected_bands(
+    image: GreyImage,
+    before: Rows,
+    after: Rows,
+    paths: Rows,
+    dimmed: Rows | None,
+    stencil: Values,
+    threshold: int,
+) -> Iterator[Values]:
+    """The bands of `greys_with_correction`, each made with the rows around it that the stencil and the rim reach."""
+    height, width = image.shape
+    reach, room = len(stencil) // 2 + 1, None
+    for first, stop in bands_of(height, width):
+        top, bottom = max(first - reach, 0), min(stop + reach, height)
+        room = np.empty((stop - first + 2 * reach, width), np.uint8) if room is None else room
+        band, now = image.rows(top, bottom, room), after[top:bottom]
+        bright = image.at_least(threshold, top, bottom)
+        kept = bright if dimmed is None else bright | dimmed[top:bottom]
+        added = now & ~kept
+        _set_where(band, before[top:bottom] & ~now, 0, False)
+        if added.any():
+            rim = around_px(added, ~now & ~kept)
+            drawn = now if dimmed is None else now & ~dimmed[top:bottom]
+            _draw(band, paths[top:bottom], drawn, rim, stencil, threshold)
+            _set_where(band, added, threshold, True)  # of F, whose disc covers a little less than half
+        yield band[first - top : stop - top]

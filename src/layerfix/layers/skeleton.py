@@ -22,7 +22,7 @@ from layerfix.layers.columns import BLOCK, Room, fill_columns, to_columns, to_ro
 from layerfix.layers.drawing import anchor_columns, box_with_reach
 from layerfix.layers.feature import Feature, Radius, feature_of_radius, feature_of_size
 from layerfix.layers.morphology import disc_half_widths, working_box
-from layerfix.layers.thinning import FIRST, SECOND, SPURS, remove_spurs, start_changes, sub_iteration
+from layerfix.layers.thinning import FIRST, SECOND, SPURS, flag_free, remove_spurs, start_changes, sub_iteration
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,10 +40,11 @@ def thin_anchored(columns, anchor, spur_rounds, scratch):  # type: ignore[no-unt
     """Algorithm 2's loop in place: thin `columns` around `anchor`, removing spurs while j < spur_rounds."""
     words, height = columns.shape
     blocks = (height - 2) // BLOCK
-    changed = np.empty((3, words, blocks), np.uint8)
+    changed = np.zeros((4, words, blocks), np.uint8)
     active = np.zeros((words, blocks), np.uint8)
     gone = np.zeros((2, height), np.uint64)
     start_changes(columns, changed)
+    flag_free(columns, anchor, anchor, changed)
     j = 0
     again = True
     while again:
@@ -98,7 +99,7 @@ def skeleton_columns(
         return
     from layerfix.layers.metric import thin_metric
 
-    thin_metric(out, anchor, feature, scratch, room)
+    thin_metric(out, solid, anchor, feature, scratch, room)
 
 
 def meso_skeleton_rows(rows: Rows, width: int, feature: Feature, spurs: Spurs) -> Rows:

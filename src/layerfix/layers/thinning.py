@@ -10,7 +10,8 @@ Anchored pixels are never deleted. Thinning, spurs and anchoring know nothing of
 Each phase works in place on `layerfix.layers.columns`: the deletions of a column are computed from unchanged columns
 and applied once the next column's have been, so no second image is written. A phase looks only at blocks of
 rows near a change: ``changed[phase, w, b]`` says whether block b of column w changed when the phase last ran,
-and a block can only behave differently if one of the nine around it did, in some phase, since.
+and a block can only behave differently if one of the nine around it did, in some phase, since. With a fourth plane,
+``changed[FREE]``, only blocks marked there are looked at: those with a pixel that is not anchored (`flag_free`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from layerfix.bits import U0, U1, U63, WORK
 from layerfix.kernels import njit
 from layerfix.layers.columns import BLOCK
 
-FIRST, SECOND, SPURS = 0, 1, 2
+FIRST, SECOND, SPURS, FREE = 0, 1, 2, 3
 # Runs of blocks closer than this are one: a vector pass over a quiet block costs less than a new run.
 MAX_GAP = 2
 CHANGES = types.Array(types.uint8, 3, "C")
@@ -52,6 +53,18 @@ def start_changes(columns, changed):  # type: ignore[no-untyped-def]
             flag_blocks(columns[w, 1 : columns.shape[1] - 1], changed[phase, w])
 
 
+@njit(types.void(WORK, WORK, WORK, CHANGES), cache=True, nogil=True)
+def flag_free(columns, anchor, protected, changed):  # type: ignore[no-untyped-def]
+    """changed[FREE] = the blocks with a pixel that is not both anchored and protected: others can lose none."""
+    height = columns.shape[1]
+    line = np.empty(height - 2, np.uint64)
+    for w in range(1, columns.shape[0] - 1):
+        here, fixed, kept = columns[w][1:], anchor[w][1:], protected[w][1:]
+        for i in range(height - 2):
+            line[i] = here[i] & ~(fixed[i] & kept[i])
+        flag_blocks(line, changed[FREE, w])
+
+
 @njit(types.void(CHANGES, FLAGS), cache=True, nogil=True)
 def find_active(changed, active):  # type: ignore[no-untyped-def]
     """active[w, b]: whether any of the nine blocks around block b of column w changed in any phase."""
@@ -66,6 +79,10 @@ def find_active(changed, active):  # type: ignore[no-untyped-def]
         line = active[w]
         for b in range(blocks):
             line[b] = near[b] | near[b + 1] | near[b + 2]
+        if changed.shape[0] > FREE:
+            free = changed[FREE, w]
+            for b in range(blocks):
+                line[b] &= free[b]
 
 
 @njit

@@ -23,6 +23,7 @@ from layerfix.bits import words_for
 from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import Room
+from layerfix.layers.grey_image import GreyImage
 from layerfix.layers.grey_source import GreySource
 from layerfix.mesh.closing import close_gaps, edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
@@ -286,7 +287,7 @@ class _Sliced:
         """The layer's greys. What is thinner than a pixel or a layer stays as it is in `rows`."""
         from layerfix.layers.greys import solid_rows
 
-        grey = _covered(self.pieces, self.grid, index)
+        grey = GreyImage.of(_covered(self.pieces, self.grid, index))
         seen, _ = solid_rows(grey, THRESHOLD, GREY_FLOOR)
         if found.hairline_px or found.sheet_px:
             plain = [replace(piece, hairlines=False, sheets=None) for piece in self.pieces]

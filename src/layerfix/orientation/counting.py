@@ -67,7 +67,7 @@ def _thin_by_measure(columns, solid, anchor, scratch, plan, round_pixels, images
     if round_pixels:
         top = erosions(solid, levels, depths, depths_live)
     else:
-        top = disc_erosions(solid, half_widths, starts, depths, depths_live, marked, spare)
+        top = disc_erosions(solid, half_widths, starts, depths, depths_live)
     significant(solid, anchor, schedule, elements, depths, depths_live, top, images[count:], live[count:], marked)
     for w in range(kept.shape[0]):
         for y in range(kept.shape[1]):

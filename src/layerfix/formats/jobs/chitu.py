@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from layerfix.bits import Rows
     from layerfix.formats.options import Hints
     from layerfix.formats.probe import Probe
+    from layerfix.layers.grey_image import Greys
     from layerfix.stack import LayerStack
 
 PHOTON_SUFFIXES, CTB_SUFFIXES = (".photon", ".cbddlp"), (".ctb",)
@@ -240,11 +241,11 @@ class _Codec:
         if covered < total - self.header.width:
             raise InputError(f"{self.path}: layer {index} is cut short: its runs cover {covered} of {total} px")
 
-    def encode(self, index: int, payload: bytes, rows: Rows, grey: NDArray[np.uint8] | None) -> bytes:
+    def encode(self, index: int, payload: bytes, rows: Rows, greys: NDArray[np.uint8] | Greys | None) -> bytes:
         from layerfix.formats.jobs import runs
         from layerfix.layers.greys import pack_from
 
-        h = self.header
+        h, grey = self.header, None if greys is None else np.asarray(greys)
         if h.magic == PHOTON:
             levels = [rows] * h.planes
             if grey is not None:

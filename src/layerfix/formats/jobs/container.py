@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
     from layerfix.formats.options import Hints, WriteOptions
+    from layerfix.layers.grey_image import Greys
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ class Container:
     suffixes: tuple[str, ...]
     payload: Callable[[int], bytes]
     decode: Callable[[int, bytes], Decoded]
-    encode: Callable[[int, bytes, Rows, NDArray[np.uint8] | None], bytes]
+    encode: Callable[[int, bytes, Rows, NDArray[np.uint8] | Greys | None], bytes]
     save: Callable[[BinaryIO, Spool, Totals], None]
     threshold: int
     grey_floor: int

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from layerfix.bits import Image, Rows
     from layerfix.formats.options import Hints, WriteOptions
     from layerfix.formats.probe import Probe
+    from layerfix.layers.grey_image import Greys
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
 
@@ -101,11 +102,12 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
             grey = np.where(grey < 16, grey * 17, 255).astype(np.uint8)
         return Decoded(rows, grey)
 
-    def encode(index: int, packed: bytes, rows: Rows, grey: NDArray[np.uint8] | None) -> bytes:
+    def encode(index: int, packed: bytes, rows: Rows, greys: NDArray[np.uint8] | Greys | None) -> bytes:
         from layerfix.formats.jobs import runs
 
-        if grey is None:
+        if greys is None:
             return bytes(runs.encode_runs(rows, width, True))
+        grey = np.asarray(greys)
         return bytes(runs.encode_greys(grey if eight_bit else _to_4_bit(grey, hints.threshold), True))
 
     def save(target: BinaryIO, spool: Spool, totals: Totals) -> None:
@@ -166,8 +168,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
 
         image = greys_of(layer, printer.antialias_bits or 8)
         if image is not None:
-            image = image[:: -1 if "y" in mirror else 1, :: -1 if "x" in mirror else 1]
-            data = runs.encode_greys(np.ascontiguousarray(image), True)
+            data = runs.encode_greys(np.asarray(image.mirrored(mirror)), True)
         else:
             data = runs.encode_runs(mirrored(layer.rows, width, mirror), width, True)
         return bytes(data), preview.reduce(layer), layer.count_px()

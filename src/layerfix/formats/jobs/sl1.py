@@ -139,7 +139,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     def encode(layer: Layer) -> tuple[bytes, Image, int]:
         image = greys_of(layer, printer.antialias_bits or 8)
         if image is not None:
-            data = encode_grey_png(image[:: -1 if "y" in mirror else 1, :: -1 if "x" in mirror else 1])
+            data = encode_grey_png(image.mirrored(mirror))
         else:
             data = encode_png(mirrored(layer.rows, width, mirror), width)
         return data, preview.reduce(layer), layer.count_px()

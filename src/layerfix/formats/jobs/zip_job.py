@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
     from layerfix.formats.options import Hints
+    from layerfix.layers.grey_image import Greys
     from layerfix.stack import LayerStack
 
 MAX_PANEL_PX = 1 << 28  # the largest panels have 94 million pixels
@@ -66,7 +67,7 @@ def zip_job(
     *,
     mirror: str = "",
     unpack: Callable[[bytes, str], Decoded] | None = None,
-    repack: Callable[[Rows, NDArray[np.uint8] | None], bytes] | None = None,
+    repack: Callable[[Rows, NDArray[np.uint8] | Greys | None], bytes] | None = None,
     machine: str = "",
 ) -> LayerStack:
     """The stack of a zip of PNG images.
@@ -84,7 +85,7 @@ def zip_job(
         where = f"{archive.path}: {names[index]}"
         return unpack(payload, where) if unpack else decode_png(payload, where, size, threshold=hints.threshold)
 
-    def encode(index: int, payload: bytes, rows: Rows, grey: NDArray[np.uint8] | None) -> bytes:
+    def encode(index: int, payload: bytes, rows: Rows, grey: NDArray[np.uint8] | Greys | None) -> bytes:
         if repack:
             return repack(rows, grey)
         if grey is not None:

@@ -20,6 +20,7 @@ from numba import types
 from layerfix.bits import ROWS, U0, U1, lowest_bit
 from layerfix.errors import InputError
 from layerfix.kernels import njit
+from layerfix.layers.grey_image import Greys, bands_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -274,17 +275,32 @@ def encode_png(
 
 
 def encode_grey_png(
-    image: NDArray[np.uint8], *, pixel_mm: tuple[float, float] | None = None, text: dict[str, str] | None = None
+    image: NDArray[np.uint8] | Greys,
+    *,
+    pixel_mm: tuple[float, float] | None = None,
+    text: dict[str, str] | None = None,
 ) -> bytes:
-    """A PNG of an 8-bit grey image (H, W), Up filter; pixel_mm and text as in `encode_png`."""
+    """A PNG of an 8-bit grey image (H, W), Up filter; pixel_mm and text as in `encode_png`.
+
+    It is filtered and deflated in bands, which stay in the processor's cache.
+    """
     from isal import isal_zlib
 
     height, width = image.shape
-    lines = np.empty((height, 1 + width), np.uint8)
-    lines[:, 0] = UP
-    lines[0, 1:] = image[0]
-    np.subtract(image[1:], image[:-1], out=lines[1:, 1:])
-    return _png((width, height), 8, isal_zlib.compress(lines.data, 1), pixel_mm, text)
+    deflater, parts = isal_zlib.compressobj(1), []
+    above, lines = np.zeros(width, np.uint8), np.empty((0, 1 + width), np.uint8)
+    bands = image.bands() if isinstance(image, Greys) else (image[y:stop] for y, stop in bands_of(height, width))
+    for band in bands:
+        if len(lines) < len(band):
+            lines = np.empty((len(band), 1 + width), np.uint8)
+            lines[:, 0] = UP
+        out = lines[: len(band)]
+        np.subtract(band[0], above, out=out[0, 1:])
+        np.subtract(band[1:], band[:-1], out=out[1:, 1:])
+        above[:] = band[-1]
+        parts.append(deflater.compress(out.data))
+    parts.append(deflater.flush())
+    return _png((width, height), 8, b"".join(parts), pixel_mm, text)
 
 
 def _png(

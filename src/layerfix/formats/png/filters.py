@@ -11,11 +11,11 @@ from numba import types
 
 from layerfix.bits import U0, U1, U63, WORK
 from layerfix.kernels import njit
+from layerfix.layers.grey_image import AT, FIRSTS, ONES, TARGET, pack_octets, pack_part, spread_bits
 
 GREYS = types.Array(types.uint8, 1, "C", readonly=True)
-IMAGE = LINES = types.Array(types.uint8, 2, "C")
+LINES = types.Array(types.uint8, 2, "C")
 NONE, SUB, UP, AVERAGE, PAETH = range(5)
-ONES = np.uint64(0x0101010101010101)
 
 
 @njit
@@ -53,25 +53,55 @@ def _unfilter(kind, raw, above, line):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _pack_line(line, threshold, out):  # type: ignore[no-untyped-def]
-    """Pack one row of greys; True if it has one that is neither 0 nor 255."""
-    width = line.shape[0]
-    greys = np.uint8(0)
-    for i in range(width):
-        greys |= np.uint8(line[i] + np.uint8(1)) & np.uint8(254)
-    for w in range(width // 64):
-        word = U0
-        part = line[w * 64 : w * 64 + 64]
-        for i in range(64):
-            word |= np.uint64(part[i] >= threshold) << np.uint64(i)
-        out[w] = word
-    if width & 63:
-        word = U0
-        part = line[width & ~63 :]
+def _note(part, threshold, w, out, at, values, found):  # type: ignore[no-untyped-def]
+    """Pack up to 64 greys, and keep them if one is neither 0 nor 255. Returns how many words are kept then."""
+    out[w], greys = pack_part(part, threshold)
+    if greys:
+        at[found] = w
         for i in range(part.shape[0]):
-            word |= np.uint64(part[i] >= threshold) << np.uint64(i)
-        out[width // 64] = word
-    return greys != np.uint8(0)
+            values[found, i] = part[i]
+        for i in range(part.shape[0], 64):
+            values[found, i] = np.uint8(0)
+        found += 1
+    return found
+
+
+@njit
+def _pack_line(line, threshold, out, at, values, used):  # type: ignore[no-untyped-def]
+    """Pack one row of greys, and note the words of it that have one that is neither 0 nor 255. How many there are."""
+    width, found = line.shape[0], used
+    octets = line[: width // 64 * 64].view(np.uint64)
+    for w in range(out.shape[0]):
+        if w < width // 64:
+            word, greys = pack_octets(octets, 8 * w)
+            if not greys:
+                out[w] = word
+                continue
+        found = _note(line[w * 64 : min(w * 64 + 64, width)], threshold, w, out, at, values, found)
+    return found - used
+
+
+@njit
+def _sub_line(raw, line, threshold, out, at, values, used):  # type: ignore[no-untyped-def]
+    """`_unfilter` of filter Sub and `_pack_line` at once: words in which nothing changes are as the pixel before."""
+    width, found, left = line.shape[0], used, np.uint8(0)
+    whole = width // 64
+    octets, done = raw[: whole * 64].view(np.uint64), line[: whole * 64].view(np.uint64)
+    for w in range(out.shape[0]):
+        if w < whole and (left in (0, 255)):
+            seen = U0
+            for k in range(8):
+                seen |= octets[8 * w + k]
+            if seen == U0:
+                out[w] = np.uint64(left) * ONES
+                for k in range(8):
+                    done[8 * w + k] = out[w]
+                continue
+        for i in range(64 * w, min(64 * w + 64, width)):
+            left = np.uint8(left + raw[i])
+            line[i] = left
+        found = _note(line[w * 64 : min(w * 64 + 64, width)], threshold, w, out, at, values, found)
+    return found - used
 
 
 @njit
@@ -135,22 +165,19 @@ def _fast_row(raw, kind, above, out):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit
-def _spread(bits, line):  # type: ignore[no-untyped-def]
-    """A packed row as bytes, 255 where solid."""
-    for x in range(line.shape[0]):
-        line[x] = np.uint8(U0 - ((bits[x >> 6] >> np.uint64(x & 63)) & U1))
-
-
-@njit(types.int64(GREYS, types.int64, types.int64, types.uint8, WORK, LINES, IMAGE), cache=True, nogil=True)
-def unfilter_8bit(raw, y, width, threshold, rows, lines, image):  # type: ignore[no-untyped-def]
-    """Filtered rows of an 8-bit image, the first of them row `y`, → packed rows.
+@njit(
+    types.int64(GREYS, types.int64, types.int64, types.uint8, WORK, LINES, FIRSTS, AT, TARGET, types.int64),
+    cache=True,
+    nogil=True,
+)
+def unfilter_8bit(raw, y, width, threshold, rows, lines, firsts, at, values, used):  # type: ignore[no-untyped-def]
+    """Filtered rows of an 8-bit image, the first of them row `y`, → packed rows, and words with greys.
 
     raw    whole rows of 1 + width bytes
     lines  (3, width) uint8, the same from call to call: the row above if it has greys, this row, [2, 0] says which
-    image  (H, W) uint8 for all the grey values, its rows before `y` filled in; or with no rows
-    returns how many rows were done: fewer than there are where the next one has greys and `image` no rows; -1 for a
-    filter that does not exist
+    firsts, at, values  as in `layerfix.layers.grey_image.GreyImage`, with room for every word of these rows
+    used   words with greys so far
+    returns how many there are then; -1 for a filter that does not exist
     """
     above, line, has_greys = lines[0], lines[1], lines[2]
     none_above = np.zeros(rows.shape[1], np.uint64)
@@ -161,31 +188,24 @@ def unfilter_8bit(raw, y, width, threshold, rows, lines, image):  # type: ignore
         fast = kind <= SUB or (kind == UP and has_greys[0] == 0)
         if fast and _fast_row(here, kind, bits_above, out):
             has_greys[0] = 0
-            if image.shape[0]:
-                _spread(out, image[y + k])
-            continue
-        if has_greys[0] == 0:
-            _spread(bits_above, above)
-        if not _unfilter(kind, here, above, line):
-            return -1
-        greys = _pack_line(line, threshold, out)
-        if greys and image.shape[0] == 0:
-            return k
-        if image.shape[0]:
-            for x in range(width):
-                image[y + k, x] = line[x]
-        has_greys[0] = greys
-        if greys:
-            for x in range(width):
-                above[x] = line[x]
-    return raw.shape[0] // (width + 1)
-
-
-@njit(types.void(WORK, types.int64, IMAGE), cache=True, nogil=True)
-def spread_rows(rows, count, image):  # type: ignore[no-untyped-def]
-    """The first `count` packed rows as bytes, 255 where solid."""
-    for y in range(count):
-        _spread(rows[y], image[y])
+        else:
+            if has_greys[0] == 0:
+                spread_bits(bits_above, above)
+            if kind == SUB:
+                found = _sub_line(here, line, threshold, out, at, values, used)
+            elif _unfilter(kind, here, above, line):
+                found = _pack_line(line, threshold, out, at, values, used)
+            else:
+                return -1
+            used += found
+            has_greys[0] = found > 0
+            if found:
+                above, line = line, above
+        firsts[y + k + 1] = used
+    if has_greys[0]:  # in the next call, the row above is the first line again
+        for x in range(width):
+            lines[0, x] = above[x]
+    return used
 
 
 @njit(types.int64(GREYS, types.int64, types.int64, WORK, LINES), cache=True, nogil=True)

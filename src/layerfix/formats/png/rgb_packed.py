@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
+    from layerfix.layers.grey_image import Greys
 
 
 def rgb_unpacker(size: tuple[int, int], threshold: int, *, bgr: bool) -> Callable[[bytes, str], Decoded]:
@@ -39,13 +40,13 @@ def rgb_unpacker(size: tuple[int, int], threshold: int, *, bgr: bool) -> Callabl
     return decode
 
 
-def rgb_packer(size: tuple[int, int], *, bgr: bool) -> Callable[[Rows, NDArray[np.uint8] | None], bytes]:
+def rgb_packer(size: tuple[int, int], *, bgr: bool) -> Callable[[Rows, NDArray[np.uint8] | Greys | None], bytes]:
     """The encoder that `rgb_unpacker` undoes."""
 
-    def encode(rows: Rows, grey: NDArray[np.uint8] | None) -> bytes:
+    def encode(rows: Rows, grey: NDArray[np.uint8] | Greys | None) -> bytes:
         import cv2
 
-        flat = np.where(unpack(rows, size[0]), np.uint8(255), np.uint8(0)) if grey is None else grey
+        flat = np.where(unpack(rows, size[0]), np.uint8(255), np.uint8(0)) if grey is None else np.asarray(grey)
         image = flat.reshape(size[1], size[0] // 3, 3)
         ordered = image if bgr else np.ascontiguousarray(image[:, :, ::-1])
         data: bytes = cv2.imencode(".png", ordered)[1].tobytes()

@@ -11,16 +11,20 @@ from layerfix.layers.metric.tiles import (
     IMAGES,
     IMAGES_FLAGS,
     Q1,
+    TILE,
+    clear_tiles,
     copy_live,
+    flag,
     grow,
     next_live,
     shrink,
     tile_rows,
 )
-from layerfix.layers.morphology import HALF_WIDTHS, erode_columns
+from layerfix.layers.morphology import HALF_WIDTHS
 
 TABLE = types.Array(types.int64, 2, "C", readonly=True)
 NUMBERS = types.Array(types.int64, 1, "C", readonly=True)
+AT_ONCE = 4  # tiles
 
 
 @njit(types.int64(WORK, TABLE, IMAGES, IMAGES_FLAGS), cache=True, nogil=True)
@@ -35,20 +39,82 @@ def erosions(solid, levels, depths, live):  # type: ignore[no-untyped-def]
     return levels.shape[0]
 
 
-@njit(types.int64(WORK, HALF_WIDTHS, NUMBERS, IMAGES, IMAGES_FLAGS, WORK, WORK), cache=True, nogil=True)
-def disc_erosions(solid, half_widths, starts, depths, live, eroded, scratch):  # type: ignore[no-untyped-def]
-    """The same by a disc for each level, where pixels are not square."""
+@njit
+def _narrowed(columns, w, first, stop, k, line):  # type: ignore[no-untyped-def]
+    """line &= column w moved by k pixels to either side, rows first … stop - 1; void outside the array."""
+    words, height = columns.shape
+    far, near = k >> 6, np.uint64(k & 63)
+    rest = np.uint64(64) - near
+    top, bottom = max(first, 0), min(stop, height)
+    nothing = np.zeros(1, np.uint64)
+    for side in (-1, 1):
+        a, b = w + side * far, w + side * (far + 1)  # the words the k-th pixel to that side lies in
+        here = columns[a, top:bottom] if 0 <= a < words else nothing[:0]
+        next_to = columns[b, top:bottom] if near != U0 and 0 <= b < words else nothing[:0]
+        out = line[top - first : bottom - first]
+        if here.shape[0] == 0:
+            for i in range(out.shape[0]):
+                out[i] = U0
+        elif next_to.shape[0] == 0:
+            for i in range(out.shape[0]):
+                out[i] &= (here[i] << near) if side < 0 else (here[i] >> near)
+        elif side < 0:
+            for i in range(out.shape[0]):
+                out[i] &= (here[i] << near) | (next_to[i] >> rest)
+        else:
+            for i in range(out.shape[0]):
+                out[i] &= (here[i] >> near) | (next_to[i] << rest)
+
+
+@njit(types.int64(WORK, HALF_WIDTHS, NUMBERS, IMAGES, IMAGES_FLAGS), cache=True, nogil=True)
+def disc_erosions(solid, half_widths, starts, depths, live):  # type: ignore[no-untyped-def]
+    """The same by a disc for each level, where pixels are not square.
+
+    Some rows of a column at a time, for all levels: a disc is rows that are narrowed to either side.
+    """
+    height, top, reach = solid.shape[1], starts.shape[0] - 1, 0
+    for k in range(top):
+        reach = max(reach, starts[k + 1] - starts[k] - 1)
+    breadth = half_widths.max()
     copy_live(solid, depths[0], live[0])
-    for k in range(1, starts.shape[0] - 1):
-        erode_columns(solid, half_widths[starts[k] : starts[k + 1]], eroded, scratch)
-        copy_live(eroded, depths[k], live[k])
-        any_left = False
-        for w in range(live.shape[1]):
-            start, _ = next_live(live[k, w], 0)
-            any_left |= start < live.shape[2]
-        if not any_left:
-            return k
-    return starts.shape[0] - 1
+    wide = np.empty((breadth + 1, AT_ONCE * TILE + 2 * reach), np.uint64)
+    deepest = 0
+    for w in range(1, solid.shape[0] - 1):
+        start, stop = next_live(live[0, w], 0)
+        while start < stop:
+            end = min(stop, start + AT_ONCE)
+            first, last = tile_rows(start, height), tile_rows(end, height)
+            rows = last - first + 2 * reach
+            above, below = max(first - reach, 0), min(last + reach, height)
+            line = wide[0, :rows]
+            for i in range(rows):
+                line[i] = U0
+            here, inside = solid[w, above:below], line[above - first + reach :]
+            for i in range(here.shape[0]):
+                inside[i] = here[i]
+            for k in range(1, breadth + 1):
+                before, line = wide[k - 1, :rows], wide[k, :rows]
+                for i in range(rows):
+                    line[i] = before[i]
+                _narrowed(solid, w, first - reach, last + reach, k, line)
+            for k in range(1, top):
+                disc, out = half_widths[starts[k] : starts[k + 1]], depths[k, w, first:last]
+                middle = wide[disc[0], reach:]
+                for i in range(out.shape[0]):
+                    out[i] = middle[i]
+                for dy in range(1, disc.shape[0]):
+                    upper, lower = wide[disc[dy], reach - dy :], wide[disc[dy], reach + dy :]
+                    for i in range(out.shape[0]):
+                        out[i] &= upper[i] & lower[i]
+                if not flag(out, live[k, w, start:end]):
+                    for i in range(k + 1, top):
+                        clear_tiles(depths[i, w], start, end, live[i, w])
+                    break
+                deepest = max(deepest, k)
+            start = end
+            if start >= stop:
+                start, stop = next_live(live[0, w], stop)
+    return deepest + 1
 
 
 @njit

@@ -53,6 +53,11 @@ class Plan:
     radius: float
 
     @property
+    def margin_px(self) -> int:
+        """How far away a pixel may lie that makes another significant, or not: by its depth and all cones' growth."""
+        return math.ceil(self.radius) + 2 + int(self.schedule[:, 1].max() + self.schedule[:, 2].sum())
+
+    @property
     def round(self) -> bool:
         """Whether pixels are square."""
         return self.scale == (1.0, 1.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from layerfix.bits import U0, U1, U63, WORK
+from layerfix.bits import ALL, U0, U1, U63, WORK
 from layerfix.kernels import njit
 
 TILE = 64  # rows
@@ -45,7 +45,7 @@ def next_live(flags, start):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _flag(line, live):  # type: ignore[no-untyped-def]
+def flag(line, live):  # type: ignore[no-untyped-def]
     """live[t] = whether tile t of part of a column has a bit; True if one has."""
     any_live = Q0
     for t in range(live.shape[0]):
@@ -63,7 +63,7 @@ def copy_live(source, target, live):  # type: ignore[no-untyped-def]
     """target = source, and its flags; target must be empty."""
     height = source.shape[1]
     for w in range(1, source.shape[0] - 1):
-        _flag(source[w, 1 : height - 1], live[w])
+        flag(source[w, 1 : height - 1], live[w])
         start, stop = next_live(live[w], 0)
         while start < stop:
             first, last = tile_rows(start, height), tile_rows(stop, height)
@@ -96,6 +96,69 @@ def _clear_tile(line, tile, live):  # type: ignore[no-untyped-def]
         for i in range(part.shape[0]):
             part[i] = U0
         live[tile] = Q0
+
+
+@njit
+def clear_tiles(line, first, stop, live):  # type: ignore[no-untyped-def]
+    """Empty some tiles of a column."""
+    for t in range(first, stop):
+        _clear_tile(line, t, live)
+
+
+@njit
+def _near_tile(seen, top, bottom, near):  # type: ignore[no-untyped-def]
+    """Which of the nine tiles around one lie within `near` < 64 px of its pixels, as nine bits, from the north-west.
+
+    seen: its rows, ORed; top, bottom: the same of its first and last `near` rows
+    """
+    if seen == U0:
+        return 0
+    low = (U1 << np.uint64(near)) - U1
+    high = ~(ALL >> np.uint64(near))
+    west, east = np.int64((seen & low) != U0), np.int64((seen & high) != U0)
+    row = west | 2 | (east << 2)
+    return (row if top != U0 else 0) | (row << 3) | (row << 6 if bottom != U0 else 0)
+
+
+@njit(types.void(WORK, WORK, types.int64, WORK, FLAGS, WORK, FLAGS), cache=True, nogil=True)
+def near_free(solid, anchor, margin, near_solid, solid_live, near_anchor, anchor_live):  # type: ignore[no-untyped-def]
+    """S and A in the tiles within `margin` px of a pixel of S \\ A, into two empty images."""
+    words, height = solid.shape
+    tiles = solid_live.shape[1]
+    wanted = np.zeros((words + 2, tiles + 2), np.uint8)
+    near = min(margin, TILE - 1)
+    for w in range(1, words - 1):
+        for t in range(tiles):
+            first, last = tile_rows(t, height), tile_rows(t + 1, height)
+            seen, top, bottom = U0, U0, U0
+            here, fixed = solid[w, first:last], anchor[w, first:last]
+            for i in range(here.shape[0]):
+                seen |= here[i] & ~fixed[i]
+            if seen == U0:
+                continue
+            for i in range(min(near, here.shape[0])):
+                top |= here[i] & ~fixed[i]
+            for i in range(max(here.shape[0] - near, 0), here.shape[0]):
+                bottom |= here[i] & ~fixed[i]
+            found = _near_tile(seen, top, bottom, near)
+            for k in range(9):
+                if (found >> k) & 1:
+                    wanted[w + k % 3, t + k // 3] = Q1
+    for _ in range((margin - near + TILE - 1) // TILE):
+        before = wanted.copy()
+        for w in range(1, words + 1):
+            for t in range(1, tiles + 1):
+                for v in range(w - 1, w + 2):
+                    wanted[w, t] |= before[v, t - 1] | before[v, t] | before[v, t + 1]
+    for w in range(1, words - 1):
+        for t in range(tiles):
+            if wanted[w + 1, t + 1]:
+                first, last = tile_rows(t, height), tile_rows(t + 1, height)
+                for source, target in ((solid, near_solid), (anchor, near_anchor)):
+                    here, line = source[w, first:last], target[w, first:last]
+                    for i in range(here.shape[0]):
+                        line[i] = here[i]
+                solid_live[w, t] = anchor_live[w, t] = Q1
 
 
 @njit
@@ -143,7 +206,7 @@ def grow(image, live, within, element, out, out_live):  # type: ignore[no-untype
             line = out[w, first:last]
             _grown(image[w - 1, first - 1 : last + 1], image[w, first - 1 : last + 1],
                    image[w + 1, first - 1 : last + 1], within[w, first:last], line, element)  # fmt: skip
-            _flag(line, out_live[w, t:stop])
+            flag(line, out_live[w, t:stop])
             t = stop
 
 
@@ -205,6 +268,6 @@ def shrink(image, live, element, out, out_live, wide):  # type: ignore[no-untype
             else:
                 _shrunk(image[w - 1, first - 1 : last + 1], image[w, first - 1 : last + 1],
                         image[w + 1, first - 1 : last + 1], line, element)  # fmt: skip
-            any_left |= _flag(line, out_live[w, t:stop])
+            any_left |= flag(line, out_live[w, t:stop])
             t = stop
     return any_left
