@@ -303,7 +303,7 @@ class _Correction:
             rows |= specks
         solid, added, removed = _count_changes(layer.rows, rows)
         paths = None
-        if getattr(layer.source, "grey", None) is not None or self.keep_paths:
+        if getattr(layer.source, "held", None) is not None or self.keep_paths:
             paths = np.zeros_like(rows)
             to_rows(found.centres, outer, layer.width, paths)
             if layer.raised_px and layer.source is not None:

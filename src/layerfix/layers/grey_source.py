@@ -22,16 +22,21 @@ class GreySource:
     """What of a layer of greys was solid, from above, and the greys.
 
     seen       packed rows, from above
-    grey       (H, W) as the file has it, mirrored along the axes in `mirror`; None if it has no greys
+    held       the greys, (H, W), as the file has them, mirrored along the axes in `mirror`; None if it has no greys
     dimmed     what of it is a dimmed interior, packed, as the file has it; None if nothing
     threshold  grey value that is solid
     """
 
     seen: Rows
-    grey: GreyImage | None
+    held: GreyImage | None
     dimmed: Rows | None
     threshold: int
     mirror: str
+
+    @property
+    def grey(self) -> NDArray[np.uint8] | None:
+        """The greys written out, (H, W) uint8."""
+        return None if self.held is None else np.asarray(self.held)
 
     @property
     def dimmed_px(self) -> int:
@@ -40,10 +45,10 @@ class GreySource:
 
     def corrected(self, layer: Layer) -> Greys | None:
         """The greys with a layer's correction drawn in, as the file has them; None if there are none."""
-        if self.grey is None:
+        if self.held is None:
             return None
         if np.array_equal(layer.rows, self.seen):
-            return self.grey
+            return self.held
         from layerfix.layers.greys import greys_with_correction
 
         change = layer.change
@@ -52,7 +57,7 @@ class GreySource:
         x, y = change.offset_px if change else (0.0, 0.0)
         offset_px = -x if "x" in self.mirror else x, -y if "y" in self.mirror else y
         radius_px = change.radius_px if change else (0.5, 0.5)
-        return greys_with_correction(self.grey, before, after, drawn, radius_px, self.threshold,
+        return greys_with_correction(self.held, before, after, drawn, radius_px, self.threshold,
                                      offset_px=offset_px, dimmed=self.dimmed)  # fmt: skip
 
     def from_above(self, layer: Layer, bits: int = 8) -> NDArray[np.uint8] | None:
