@@ -15,7 +15,7 @@ from layerfix.bits import ALL, U0, U1, lowest_bit
 from layerfix.kernels import njit
 from layerfix.mesh.fill import below
 
-TILE = 16  # px
+TILE = 8  # px
 SLAB = 16  # intervals whose facets are looked through at once; at most 62, the bits of a mask
 Z_BITS = 30
 POINTS = types.Array(types.float64, 2, "C", readonly=True)
@@ -24,6 +24,8 @@ INDICES = types.Array(types.int32, 1, "C")
 HEIGHTS = types.Array(types.float64, 1, "C", readonly=True)
 MARGIN_PX = 1e-6
 KEYS = types.Array(types.int64, 1, "C")
+SPAN = types.UniTuple(types.float64, 2)
+MASKS = types.Array(types.int64, 1, "C")
 SEEN = types.Array(types.uint64, 3, "C")
 RUNS = types.Array(types.int32, 2, "C")
 
@@ -108,47 +110,6 @@ def slabs_of(points, faces, edges, across, along):  # type: ignore[no-untyped-de
     return starts, out
 
 
-@njit(
-    INDICES(POINTS, TRIANGLES, INDICES, HEIGHTS, types.int64, types.int64, types.int64, types.boolean),
-    cache=True,
-    nogil=True,
-)
-def paired(points, faces, chosen, edges, q0, across, along, alike):  # type: ignore[no-untyped-def]
-    """Of the facets of the slab from interval q0 on, those that share a tile and an interval with one that faces the
-    other way (`alike`: with any other)."""
-    masks = np.zeros(chosen.shape[0], np.int64)
-    seen = np.zeros((2, along, across), np.int64)
-    again = np.zeros((along if alike else 0, across), np.int64)
-    most = min(edges.shape[0] - 1 - q0, SLAB) - 1
-    for p in range(chosen.shape[0]):
-        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
-        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
-        first = min(max(below(edges, min(za, zb, zc)) - 1 - q0, 0), most)
-        last = min(max(below(edges, max(za, zb, zc)) - 1 - q0, 0), most)
-        masks[p] = (np.int64(2) << last) - (np.int64(1) << first)
-        up = np.int64(_area(points, a, b, c) < 0)
-        u0, u1, v0, v1 = _tiles(_box(points, a, b, c), across, along)
-        for v in range(v0, v1 + 1):
-            for u in range(u0, u1 + 1):
-                if alike:
-                    again[v, u] |= (seen[0, v, u] | seen[1, v, u]) & masks[p]
-                seen[up, v, u] |= masks[p]
-    out = np.empty(chosen.shape[0], np.int32)
-    n = 0
-    for p in range(chosen.shape[0]):
-        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
-        up = np.int64(_area(points, a, b, c) < 0)
-        u0, u1, v0, v1 = _tiles(_box(points, a, b, c), across, along)
-        wanted = np.int64(0)
-        for v in range(v0, v1 + 1):
-            for u in range(u0, u1 + 1):
-                wanted |= masks[p] & (again[v, u] if alike else seen[1 - up, v, u])
-        if wanted:
-            out[n] = chosen[p]
-            n += 1
-    return out[:n].copy()
-
-
 @njit
 def _slope(points, p, q):  # type: ignore[no-untyped-def]
     dy = points[q, 1] - points[p, 1]
@@ -168,10 +129,11 @@ def _by_rows(points, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _within(at_row, gx, z0, z1, low, high, first, stop):  # type: ignore[no-untyped-def]
-    """Of a facet's centres first … stop - 1 in a row those in low < z ≤ high; z is at_row + gx · column."""
-    if gx != 0 and stop - first > 2:
-        one, other = (low - at_row) / gx, (high - at_row) / gx
+def _within(at_row, gx, per_z, z0, z1, low, high, first, stop):  # type: ignore[no-untyped-def]
+    """Of a facet's centres first … stop - 1 in a row those in low < z ≤ high; z is at_row + gx · column, and per_z is
+    1 / gx, or 0 if that is not to be used."""
+    if per_z != 0 and stop - first > 2:
+        one, other = (low - at_row) * per_z, (high - at_row) * per_z
         first = max(first, math.ceil(min(max(min(one, other), -1.0), stop) - 0.01))
         stop = min(stop, math.floor(max(min(max(one, other), stop), -1.0) + 0.01) + 1)
     while first < stop and not low < min(max(at_row + gx * first, z0), z1) <= high:
@@ -253,6 +215,11 @@ def _keys_of(points, faces, chosen, runs, low, high, width, seen):  # type: igno
 @njit
 def _cut_off(points, a, b, c, low, high, xs, ys):  # type: ignore[no-untyped-def]
     """Corners of a facet's part in low ≤ z ≤ high, one after the other. Returns how many there are, at most 9."""
+    za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
+    if max(za, zb, zc) <= high and min(za, zb, zc) >= low:
+        xs[0], xs[1], xs[2] = points[a, 0], points[b, 0], points[c, 0]
+        ys[0], ys[1], ys[2] = points[a, 1], points[b, 1], points[c, 1]
+        return 3
     n = 0
     for p, q in ((a, b), (b, c), (c, a)):
         zp, zq = points[p, 2], points[q, 2]
@@ -291,42 +258,59 @@ def _reach(xs, ys, n, v0, v1, least, most):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _near_parts(points, faces, chosen, low, high, alike, width, height):  # type: ignore[no-untyped-def]
+def _strips(points, a, b, c, low, high, along, xs, ys, least, most):  # type: ignore[no-untyped-def]
+    """(first, last) row of the tiles in which a facet's part in low ≤ z ≤ high may cover centres; first > last: none.
+    least[v], most[v] = the x between which it may, among the centres of a row of tiles."""
+    corners = _cut_off(points, a, b, c, low, high, xs, ys)
+    if corners == 0:
+        return 1, 0
+    x0, x1, y0, y1 = xs[0], xs[0], ys[0], ys[0]
+    for k in range(1, corners):
+        x0, x1, y0, y1 = min(x0, xs[k]), max(x1, xs[k]), min(y0, ys[k]), max(y1, ys[k])
+    x0, x1, y0, y1 = x0 - MARGIN_PX, x1 + MARGIN_PX, y0 - MARGIN_PX, y1 + MARGIN_PX
+    first, last = math.ceil(y0), math.floor(y1)
+    if last < first or last < 0 or math.ceil(x0) > math.floor(x1):
+        return 1, 0
+    v0, v1 = max(first, 0) // TILE, min(last // TILE, along - 1)
+    if v1 - v0 < 2 and x1 - x0 < TILE:
+        for v in range(v0, v1 + 1):
+            least[v], most[v] = x0, x1
+    elif v0 <= v1:
+        _reach(xs, ys, corners, v0, v1, least, most)
+    return v0, v1
+
+
+@njit
+def _tiles_between(least, most, width):  # type: ignore[no-untyped-def]
+    """(first, last) tile of a row of tiles that holds centres between two x; first > last: none."""
+    i0, i1 = math.ceil(least - MARGIN_PX), math.floor(most + MARGIN_PX)
+    if i1 < i0 or i1 < 0 or i0 >= width:
+        return 1, 0
+    return max(i0, 0) // TILE, min(i1, width - 1) // TILE
+
+
+@njit
+def _near_parts(points, faces, chosen, intervals, mine, low, high, alike, width, height):  # type: ignore[no-untyped-def]
     """Of facets that cross low < z ≤ high the rows in tiles that may hold a pixel with one facing up and one down
-    (`alike`: with two of any kind): (n, 5) number in `chosen`, first row, past the last, first column, past it."""
+    (`alike`: with two of any kind): (n, 5) number in `chosen`, first row, past the last, first column, past it.
+
+    intervals  of each facet, a mask; only those count that hold one of `mine`
+    """
     across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
     tiles = np.zeros((along, across), np.uint8)
     least, most = np.empty(along), np.empty(along)
     xs, ys = np.empty(9), np.empty(9)
     strips, n = np.empty((256, 4), np.int32), 0
     for p in range(chosen.shape[0]):
+        if intervals[p] & mine == 0:
+            continue
         a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
-        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
-        if max(za, zb, zc) <= low or min(za, zb, zc) > high:
-            continue
-        corners = _cut_off(points, a, b, c, low, high, xs, ys)
-        if corners == 0:
-            continue
-        x0, x1, y0, y1 = xs[0], xs[0], ys[0], ys[0]
-        for k in range(1, corners):
-            x0, x1, y0, y1 = min(x0, xs[k]), max(x1, xs[k]), min(y0, ys[k]), max(y1, ys[k])
-        y0, y1 = y0 - MARGIN_PX, y1 + MARGIN_PX
-        if math.ceil(x0 - MARGIN_PX) > math.floor(x1 + MARGIN_PX):
-            continue
-        v0, v1 = max(math.floor(y0 / TILE), 0), min(math.floor(y1 / TILE), along - 1)
-        if v1 < v0 or math.ceil(y0) > math.floor(y1):
-            continue
-        if (v1 - v0 < 2 and x1 - x0 < TILE) or math.floor(x0 / TILE) == math.floor(x1 / TILE):
-            for v in range(v0, v1 + 1):
-                least[v], most[v] = x0, x1
-        else:
-            _reach(xs, ys, corners, v0, v1, least, most)
+        v0, v1 = _strips(points, a, b, c, low, high, along, xs, ys, least, most)
         mark = np.uint8(2 if _area(points, a, b, c) > 0 else 1)
         for v in range(v0, v1 + 1):
-            i0, i1 = math.ceil(least[v] - MARGIN_PX), math.floor(most[v] + MARGIN_PX)
-            if i1 < i0 or i1 < 0 or i0 >= width:
+            u0, u1 = _tiles_between(least[v], most[v], width)
+            if u1 < u0:
                 continue
-            u0, u1 = max(i0, 0) // TILE, min(i1, width - 1) // TILE
             if n == strips.shape[0]:
                 strips = _longer_table(strips)
             strips[n, 0], strips[n, 1], strips[n, 2], strips[n, 3] = p, v, u0, u1
@@ -347,6 +331,62 @@ def _near_parts(points, faces, chosen, low, high, alike, width, height):  # type
     return parts[:k]
 
 
+@njit(
+    types.Tuple((INDICES, MASKS))(
+        POINTS, TRIANGLES, INDICES, HEIGHTS, types.int64, types.int64, types.int64, types.boolean
+    ),
+    cache=True,
+    nogil=True,
+)
+def paired(points, faces, chosen, edges, q0, width, height, alike):  # type: ignore[no-untyped-def]
+    """Of the facets of the slab from interval q0 on, those that share a tile and an interval with one that faces the
+    other way (`alike`: with any other), and a mask of these intervals of each."""
+    across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+    masks = np.zeros(chosen.shape[0], np.int64)
+    seen = np.zeros((along, across, 2), np.int64)
+    again = np.zeros((along if alike else 0, across), np.int64)
+    least, most = np.empty(along), np.empty(along)
+    xs, ys = np.empty(9), np.empty(9)
+    strips, n = np.empty((256, 4), np.int32), 0
+    count = min(edges.shape[0] - 1 - q0, SLAB)
+    low, high = edges[q0], edges[q0 + count]
+    for p in range(chosen.shape[0]):
+        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
+        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
+        first = min(max(below(edges, min(za, zb, zc)) - 1 - q0, 0), count - 1)
+        last = min(max(below(edges, max(za, zb, zc)) - 1 - q0, 0), count - 1)
+        masks[p] = (np.int64(2) << last) - (np.int64(1) << first)
+        up = np.int64(_area(points, a, b, c) < 0)
+        v0, v1 = _strips(points, a, b, c, low, high, along, xs, ys, least, most)
+        for v in range(v0, v1 + 1):
+            u0, u1 = _tiles_between(least[v], most[v], width)
+            if u1 < u0:
+                continue
+            if n == strips.shape[0]:
+                strips = _longer_table(strips)
+            strips[n, 0], strips[n, 1], strips[n, 2], strips[n, 3] = p, v, u0, u1
+            n += 1
+            for u in range(u0, u1 + 1):
+                if alike:
+                    again[v, u] |= (seen[v, u, 0] | seen[v, u, 1]) & masks[p]
+                seen[v, u, up] |= masks[p]
+    out, kept, k = np.empty(chosen.shape[0], np.int32), np.empty(chosen.shape[0], np.int64), 0
+    s = 0
+    while s < n:
+        p, wanted = strips[s, 0], np.int64(0)
+        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
+        other = np.int64(_area(points, a, b, c) >= 0)
+        while s < n and strips[s, 0] == p:
+            v = strips[s, 1]
+            for u in range(strips[s, 2], strips[s, 3] + 1):
+                wanted |= masks[p] & (again[v, u] if alike else seen[v, u, other])
+            s += 1
+        if wanted:
+            out[k], kept[k] = chosen[p], wanted
+            k += 1
+    return out[:k].copy(), kept[:k].copy()
+
+
 @njit
 def _all_parts(points, faces, chosen, low, high, width, height):  # type: ignore[no-untyped-def]
     """The same of all facets, in all tiles."""
@@ -365,53 +405,59 @@ def _all_parts(points, faces, chosen, low, high, width, height):  # type: ignore
 
 @njit(
     types.Tuple((KEYS, RUNS))(
-        POINTS, TRIANGLES, INDICES, types.float64, types.float64, types.UniTuple(types.float64, 2), types.boolean,
-        types.int64, SEEN, RUNS,
+        POINTS, TRIANGLES, INDICES, MASKS, types.int64, SPAN, SPAN, SPAN, types.boolean, types.int64, SEEN, RUNS,
     ),
     cache=True,
     nogil=True,
 )  # fmt: skip
-def crossings(points, faces, chosen, low, high, always, alike, width, seen, runs):  # type: ignore[no-untyped-def]
-    """Where facets cross low < z ≤ high over centres: pixel · 2^31 + place · 2 + (1 if the solid begins, upwards).
+def crossings(points, faces, chosen, intervals, mine, scale, within, always, alike, width, seen, runs):  # type: ignore[no-untyped-def]
+    """Where facets cross columns through centres `within` low < z ≤ high: pixel · 2^31 + place · 2 + (1 if the solid
+    begins, upwards), where places are counted along the `scale`, which holds `within`.
 
     Only of pixels with a facet that faces up and one that faces down there (`alike`: with two of any kind), and of
     those with one between the heights `always`.
 
-    seen  (words, height, 2): two empty images, which will be empty again
-    runs  a table to work in, which is returned, too: longer, if it was too short
+    intervals  of each facet, a mask; only those count that hold one of `mine` and are paired in it. 0: all do
+    seen       (words, height, 2): two empty images, which will be empty again
+    runs       a table to work in, which is returned, too: longer, if it was too short
     """
-    height, n = seen.shape[1], 0
-    if always[0] > always[1]:
-        parts = _near_parts(points, faces, chosen, low, high, alike, width, height)
+    height, n, (low, high) = seen.shape[1], 0, within
+    if mine:
+        parts = _near_parts(points, faces, chosen, intervals, mine, low, high, alike, width, height)
     else:
         parts = _all_parts(points, faces, chosen, low, high, width, height)
+    last, down, near, whole = -1, np.int64(0), False, False
+    a = b = c = middle = np.int32(0)
+    j_top = j_middle = j_bottom = np.int64(0)
+    xa = ya = za = z0 = z1 = gx = gy = per_z = 0.0
+    x_top = y_top = x_middle = y_middle = long = upper = lower = 0.0
     for part in range(parts.shape[0]):
         p, j0, j1, i0, i1 = parts[part]
-        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
-        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
-        z0, z1 = min(za, zb, zc), max(za, zb, zc)
-        top, middle, bottom = _by_rows(points, a, b, c)
-        j0, j1 = max(j0, math.ceil(points[top, 1])), min(j1, math.ceil(points[bottom, 1]))
-        if j1 <= j0:
-            continue
-        xa, ya = points[a, 0], points[a, 1]
-        gx, gy = _plane(points, a, b, c)
-        down = np.int64(0 if alike else _area(points, a, b, c) > 0)
-        near = z1 > always[0] and z0 <= always[1]
-        x_long, y_long, long = points[top, 0], points[top, 1], _slope(points, top, bottom)
-        x_short, y_short, short, above = x_long, y_long, _slope(points, top, middle), True
-        for j in range(j0, j1):
-            if above and j >= points[middle, 1]:
-                x_short, y_short, short = points[middle, 0], points[middle, 1], _slope(points, middle, bottom)
-                above = False
-            one, other = math.ceil(x_long + (j - y_long) * long), math.ceil(x_short + (j - y_short) * short)
+        if p != last:
+            last = p
+            a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
+            xa, ya, za = points[a, 0], points[a, 1], points[a, 2]
+            z0, z1 = min(za, points[b, 2], points[c, 2]), max(za, points[b, 2], points[c, 2])
+            gx, gy = _plane(points, a, b, c)
+            per_z = 1 / gx if abs(gx) > 1e-9 else 0.0
+            down = np.int64(0 if alike else _area(points, a, b, c) > 0)
+            near, whole = z1 > always[0] and z0 <= always[1], z0 > low and z1 <= high
+            top, middle, bottom = _by_rows(points, a, b, c)
+            x_top, y_top, x_middle, y_middle = points[top, 0], points[top, 1], points[middle, 0], points[middle, 1]
+            j_top, j_middle, j_bottom = math.ceil(y_top), math.ceil(y_middle), math.ceil(points[bottom, 1])
+            long, upper = _slope(points, top, bottom), _slope(points, top, middle)
+            lower = _slope(points, middle, bottom)
+        for j in range(max(j0, j_top), min(j1, j_bottom)):
+            one = math.ceil(x_top + (j - y_top) * long)
+            other = math.ceil(x_top + (j - y_top) * upper if j < j_middle else x_middle + (j - y_middle) * lower)
             first, stop = max(min(one, other), i0), min(max(one, other), i1)
             if stop <= first:
                 continue
             at_row = za + gy * (j - ya) - gx * xa
-            first, stop = _within(at_row, gx, z0, z1, low, high, first, stop)
-            if stop <= first:
-                continue
+            if not whole:
+                first, stop = _within(at_row, gx, per_z, z0, z1, low, high, first, stop)
+                if stop <= first:
+                    continue
             if n == runs.shape[0]:
                 runs = _longer_table(runs)
             runs[n, 0], runs[n, 1], runs[n, 2], runs[n, 3] = p, j, first, stop
@@ -422,11 +468,11 @@ def crossings(points, faces, chosen, low, high, always, alike, width, seen, runs
                     seen[w, j, 1] |= seen[w, j, 0] & bits
                 seen[w, j, down] |= bits
             if near:
-                first, stop = _within(at_row, gx, z0, z1, always[0], always[1], first, stop)
+                first, stop = _within(at_row, gx, per_z, z0, z1, always[0], always[1], first, stop)
                 if stop > first:
                     for w in range(first >> 6, ((stop - 1) >> 6) + 1):
                         seen[w, j, 1] |= _bits(w, first, stop)
-    keys = _keys_of(points, faces, chosen, runs[:n], low, high, width, seen)
+    keys = _keys_of(points, faces, chosen, runs[:n], scale[0], scale[1], width, seen)
     for r in range(n):
         for w in range(runs[r, 2] >> 6, ((runs[r, 3] - 1) >> 6) + 1):
             seen[w, runs[r, 1], 0] = U0

@@ -12,6 +12,7 @@ only where one that faces down and one that faces up share a tile of TILE pixels
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from threading import local
@@ -38,6 +39,7 @@ LEAST = 0.25  # of a layer: what is kept
 CRUMB = 4  # px
 FOIL = 1e-3  # of a layer: what is lower is nothing
 NOWHERE = (np.inf, -np.inf)
+NONE = np.zeros(0, np.int64)
 BOUNDS = types.Array(types.float64, 1, "C")
 
 
@@ -139,6 +141,25 @@ def _lone_parts(found, width, rows):  # type: ignore[no-untyped-def]
     return lone
 
 
+@njit
+def _of_rows(keys, segments, width, height):  # type: ignore[no-untyped-def]
+    """Those segments that cross rows of which there are keys."""
+    before = np.zeros(height + 1, np.int64)
+    for key in keys:
+        before[(key >> (Z_BITS + 1)) // width + 1] = 1
+    for j in range(height):
+        before[j + 1] += before[j]
+    out, n = np.empty((segments.shape[0], 4), np.float64), 0
+    for s in range(segments.shape[0]):
+        low, high = min(segments[s, 1], segments[s, 3]), max(segments[s, 1], segments[s, 3])
+        first, stop = min(max(math.ceil(low), 0), height), min(max(math.ceil(high), 0), height)
+        if before[stop] > before[first]:
+            for k in range(4):
+                out[n, k] = segments[s, k]
+            n += 1
+    return out[:n]
+
+
 @njit(
     types.int64(
         KEYS, SEGMENTS, types.int64, BOUNDS, BOUNDS, types.float64, types.float64, types.float64, types.int64, WORK,
@@ -159,15 +180,17 @@ def _cover(keys, segments, width, bounds, heights, middle, share, least, rule, r
     unit = (high - low) / ((1 << Z_BITS) - 2)
     mask = (np.int64(1) << Z_BITS) - 1
     tie = 4 * unit
-    starts, crossings = row_crossings(segments, width, rows.shape[0])
-    for j in range(rows.shape[0]):
-        sort(crossings[starts[j] : starts[j + 1]])
+    starts, crossings = row_crossings(_of_rows(keys, segments, width, rows.shape[0]), width, rows.shape[0])
+    sorted_row = -1
     changed, i, n = 0, 0, keys.shape[0]
     while i < n:
         pixel, begin = keys[i] >> (Z_BITS + 1), i
         while i < n and keys[i] >> (Z_BITS + 1) == pixel:
             i += 1
         y, x = pixel // width, pixel % width
+        if y != sorted_row:
+            sort(crossings[starts[y] : starts[y + 1]])
+            sorted_row = y
         winding, crossed = 0, 0  # at the mid-plane
         for q in range(starts[y], starts[y + 1]):
             if ((crossings[q] >> 1) + ONE - 1) >> BITS > x:
@@ -246,19 +269,20 @@ class Sheets:
         alike = self.rule == EVEN_ODD  # facets that face the same way can bound a stretch, too
         surface = self.points, self.faces
 
-        def facets(slab: int) -> NDArray[np.int32]:
+        def facets(slab: int) -> tuple[NDArray[np.int32], NDArray[np.int64], int]:
             mine = chosen[starts[slab] : starts[slab + 1]]
-            found: NDArray[np.int32] = paired(*surface, mine, edges, slab * SLAB, across, along, alike)
-            return found
+            found, intervals = paired(*surface, mine, edges, slab * SLAB, width, height, alike)
+            return found, intervals, int(np.bitwise_or.reduce(intervals))
 
         slabs = Remembered(facets, 4)
 
         def interval(q: int) -> NDArray[np.int64]:
-            mine = slabs(q // SLAB)
-            if not len(mine):
-                return np.zeros(0, np.int64)
-            low, high = edges[q], edges[q + 1]
-            return self._crossings(mine, low, high, NOWHERE, alike)
+            mine, intervals, any_of = slabs(q // SLAB)
+            which = 1 << q % SLAB
+            if not any_of & which:
+                return NONE
+            between = float(edges[q]), float(edges[q + 1])
+            return self._crossings(mine, intervals, which, between, between, NOWHERE, alike)
 
         object.__setattr__(self, "_keys", Remembered(interval, 16))
         object.__setattr__(self, "_edges", edges)
@@ -276,20 +300,31 @@ class Sheets:
         high = self.bounds[index + 1, 1] if index < last - 1 else ends[1]
         bounds = np.array([low, bottom if index else low, top if index < last else high, high])
         heights = np.diff(self.bounds[[max(index - 1, 0), index, min(index + 1, last)]], axis=1)[:, 0]
-        slabs = range(max(index - 1, 0) // SLAB, min(index + 2, last + 1) // SLAB + 1)
-        mine = np.unique(np.concatenate([self._facets(s) for s in slabs]))
-        middle, deepest = self.planes[index], share * (top - bottom)
-        clear = FOIL * (top - bottom)
+        middle, deepest, clear = self.planes[index], share * heights[1], FOIL * heights[1]
         always = (
             min(middle, bottom + deepest, top - deepest) - clear,
             max(middle, bottom + deepest, top - deepest) + clear,
         )
-        keys = self._crossings(mine, low, high, always, True)
-        return int(_cover(keys, segments, self.size_px[0], bounds, heights, self.planes[index], share,
-                          self.least * heights[1], self.rule, rows))  # fmt: skip
+        # A stretch that reaches deeper into a neighbour fills as much of this layer, or is the neighbour's.
+        within = max(low, bounds[1] - deepest - clear), min(high, bounds[2] + deepest + clear)
+        first, stop = np.searchsorted(self._edges, within).clip(1, last + 2).tolist()
+        facets = [self._facets(slab) for slab in range((first - 1) // SLAB, (stop - 1) // SLAB + 1)]
+        mine = facets[0] if len(facets) == 1 else np.unique(np.concatenate(facets))
+        keys = self._crossings(mine, NONE, 0, (float(low), float(high)), within, always, True)
+        if not len(keys):
+            return 0
+        return int(_cover(keys, segments, self.size_px[0], bounds, heights, middle, share, self.least * heights[1],
+                          self.rule, rows))  # fmt: skip
 
     def _crossings(
-        self, mine: NDArray[np.int32], low: float, high: float, always: tuple[float, float], alike: bool
+        self,
+        mine: NDArray[np.int32],
+        intervals: NDArray[np.int64],
+        which: int,
+        scale: tuple[float, float],
+        within: tuple[float, float],
+        always: tuple[float, float],
+        alike: bool,
     ) -> NDArray[np.int64]:
         """Those of some facets, sorted."""
         width, height = self.size_px
@@ -297,11 +332,12 @@ class Sheets:
         runs = getattr(self._runs, "kept", None)
         keys: NDArray[np.int64]
         keys, self._runs.kept = crossings(
-            self.points, self.faces, mine, low, high, always, alike, width, seen,
+            self.points, self.faces, mine, intervals, which, scale, within, always, alike, width, seen,
             np.empty((4096, 4), np.int32) if runs is None else runs,
         )  # fmt: skip
         self.room.emptied(seen)
-        keys.sort()
+        if len(keys) > 1:
+            keys.sort()
         return keys
 
     def near(self, index: int) -> bool:
