@@ -341,6 +341,17 @@ def test_help(command, flag):
     assert max(map(len, out.splitlines())) <= 100
 
 
+def test_the_help_names_the_programs_it_works_within():
+    """Those of the table in plugin/README.md, by the first name in each row."""
+    out = " ".join(succeeds(run_layerfix("--help")).split())
+    table = (Path(__file__).parents[1] / "plugin" / "README.md").read_text(encoding="utf-8")
+    hosts = [
+        re.split(r"[],|]| and ", row.lstrip("|[ "))[0].strip() for row in table.splitlines() if row.startswith("| ")
+    ]
+    assert len(hosts) > 8
+    assert [host for host in hosts[1:] if host not in out] == []
+
+
 def test_the_help_of_fix_names_every_option_and_format():
     """Options, defaults, the formats in and out, and examples that can be copied."""
     out = succeeds(run_layerfix("fix", "--help"))

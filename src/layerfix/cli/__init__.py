@@ -27,6 +27,10 @@ def layerfix() -> None:
       layerfix check part.stl -p prusa-mk3s-0.4          what a printer would lose
       layerfix fix part.stl layers.zip -p prusa-sl1s     a mesh into corrected layer images
       layerfix printers                                  the printers it knows
+
+    \b
+    Within other programs (plugin/ in the sources): OrcaSlicer, Cura, PrusaSlicer, Chitubox,
+    UVtools, DragonFruit, any export folder (watch), Blender, GitHub, MCP clients (mcp).
     """
 
 
