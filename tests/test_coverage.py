@@ -89,7 +89,7 @@ def test_what_is_thinner_than_a_pixel_or_a_layer_is_there_too():
     for one, other in zip(plain, soft, strict=True):
         assert (one.image() & ~other.image()).sum() <= 0.02 * one.count_px()
         kept = correct(soft, min_feature_mm=0.4, mode="add_only")
-    assert all((layer.source.from_above(layer) >= 128)[layer.image()].all() for layer in kept)
+    assert all((np.asarray(layer.source.from_above(layer)) >= 128)[layer.image()].all() for layer in kept)
 
 
 def panel(suffix: str, bits: int) -> str:
@@ -114,7 +114,8 @@ def test_jobs_have_the_greys_that_the_panel_shows(tmp_path, suffix, bits):
         part = turned(box([0, 0, 0], [5, 2, 0.3]), "z", 20)
         sliced = slice_mesh(part, pixel_mm=0.05, layer_mm=0.1, frame_px=(200, 120), antialias=True)[1]
         assert (
-            np.abs(layer.source.from_above(layer).astype(int) - sliced.source.grey).max() <= 128 / (2**bits - 1) + 1
+            np.abs(np.asarray(layer.source.from_above(layer)).astype(int) - sliced.source.grey).max()
+            <= 128 / (2**bits - 1) + 1
         )
     how = ("-p", tmp_path / "own.toml", "--no-antialias")
     assert run_layerfix("fix", tmp_path / "part.stl", tmp_path / f"b{suffix}", *how).code == 0

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from layerfix.bits import pack, unpack
 from layerfix.layers.correction import correct_image
+from layerfix.layers.grey_image import GreyImage
 from layerfix.layers.greys import corrected_greys, disc_coverage, solid_rows
 from layerfix.layers.skeleton import meso_skeleton
 from tests import slow_twin
@@ -106,7 +107,10 @@ def drawn_in(
     before = unpack(seen.rows, grey.shape[1])
     after = correct_image(before, radius, mode)
     paths = meso_skeleton(before, radius) & ~slow_twin.erosion(before, *radius)
-    out = corrected_greys(grey, seen.rows, pack(after), pack(paths), radius, threshold, dimmed=seen.dimmed)
+    held = GreyImage.of(grey)
+    out = np.asarray(
+        corrected_greys(held, seen.rows, pack(after), pack(paths), radius, threshold, dimmed=seen.dimmed)
+    )
     return before, after, paths, out
 
 
@@ -186,7 +190,7 @@ def test_nothing_to_add_changes_nothing():
     """The greys are the same, in an array of their own."""
     grey = soft(np.pad(np.ones((12, 60), bool), 8))
     before = solid_rows(grey, 128, 32).rows
-    out = corrected_greys(grey, before, before, np.zeros_like(before), (3.0, 3.0), 128)
+    out = np.asarray(corrected_greys(GreyImage.of(grey), before, before, np.zeros_like(before), (3.0, 3.0), 128))
     assert np.array_equal(out, grey)
     assert out is not grey
 

@@ -467,7 +467,7 @@ def test_the_map_of_build_directions(browser, tmp_path):
     found = meta["orientation"]
     assert found["best"]["changed_px"] == summary["best"]["changed_px"] == found["candidates"][0]["value"]
     assert len(found["poses"]) == summary["screened"]
-    assert meta["charts"]["changed_px"] and sum(meta["charts"]["changed_px"]) == summary["best"]["changed_px"]  # noqa: PT018
+    assert sum(meta["charts"]["changed_px"]) == summary["best"]["changed_px"] > 0
     page, said = opened(browser, tmp_path / "o.html")
     canvas = page.locator("#directions canvas")
     canvas.scroll_into_view_if_needed()

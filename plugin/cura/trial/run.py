@@ -24,8 +24,8 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 PLUGIN = HERE.parent / "Layerfix"
 sys.path[:0] = [str(PLUGIN), str(HERE.parents[1])]
-import build  # noqa: E402
-from frames import write_stl  # noqa: E402
+import build  # noqa: E402  # found by the line above
+from frames import write_stl  # noqa: E402  # the same
 
 MACHINE = "creality_ender3"
 VERSION = "4.13"

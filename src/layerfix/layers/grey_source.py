@@ -49,7 +49,7 @@ class GreySource:
             return None
         if np.array_equal(layer.rows, self.seen):
             return self.held
-        from layerfix.layers.greys import greys_with_correction
+        from layerfix.layers.greys import corrected_greys
 
         change = layer.change
         paths = np.zeros_like(layer.rows) if change is None or change.paths is None else change.paths
@@ -57,21 +57,20 @@ class GreySource:
         x, y = change.offset_px if change else (0.0, 0.0)
         offset_px = -x if "x" in self.mirror else x, -y if "y" in self.mirror else y
         radius_px = change.radius_px if change else (0.5, 0.5)
-        return greys_with_correction(self.held, before, after, drawn, radius_px, self.threshold,
+        return corrected_greys(self.held, before, after, drawn, radius_px, self.threshold,
                                      offset_px=offset_px, dimmed=self.dimmed)  # fmt: skip
 
-    def from_above(self, layer: Layer, bits: int = 8) -> NDArray[np.uint8] | None:
-        """The same from above, (H, W) uint8 in so many bits; None if there are no greys."""
+    def from_above(self, layer: Layer, bits: int = 8) -> Greys | None:
+        """The same from above, in so many bits; None if there are no greys."""
         image = self.corrected(layer)
-        return None if image is None else np.asarray(image.mirrored(self.mirror).in_bits(bits))
+        return None if image is None else image.mirrored(self.mirror).in_bits(bits)
 
 
 def greys_of(layer: Layer, bits: int = 8) -> Greys | None:
     """A layer's greys from above, (H, W) in so many bits, if it comes from any; None if not, or for one bit."""
     if bits < 2 or not isinstance(layer.source, GreySource):
         return None
-    image = layer.source.corrected(layer)
-    return None if image is None else image.mirrored(layer.source.mirror).in_bits(bits)
+    return layer.source.from_above(layer, bits)
 
 
 def seen_from_above(

@@ -18,7 +18,7 @@ from layerfix.kernels import njit
 from layerfix.layers.flood import flood
 from layerfix.layers.grey_image import IMAGE, TARGET, GreyImage, Greys, bands_of
 from layerfix.layers.morphology import HALF_WIDTHS, dilate, disc_half_widths, opened
-from layerfix.layers.neighbours import around, is_simple
+from layerfix.layers.neighbours import around, bit_at, is_simple
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -121,26 +121,18 @@ def around_px(rows: Rows, within: Rows) -> Rows:
 
 
 @njit
-def _set(rows, width, y, x):  # type: ignore[no-untyped-def]
-    """Pixel (y, x); void outside the frame."""
-    if y < 0 or x < 0 or y >= rows.shape[0] or x >= width:
-        return False
-    return (rows[y, x >> 6] >> np.uint64(x & 63)) & U1 != U0
-
-
-@njit
-def _in_cross(rows, width, y, x):  # type: ignore[no-untyped-def]
+def _in_cross(rows, y, x):  # type: ignore[no-untyped-def]
     """Whether pixel (y, x) lies in a cross of five pixels of `rows`."""
-    if not _set(rows, width, y, x):
+    if not bit_at(rows, y, x):
         return False
     for dy, dx in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
         v, u = y + dy, x + dx
         if (
-            _set(rows, width, v, u)
-            and _set(rows, width, v, u + 1)
-            and _set(rows, width, v, u - 1)
-            and _set(rows, width, v + 1, u)
-            and _set(rows, width, v - 1, u)
+            bit_at(rows, v, u)
+            and bit_at(rows, v, u + 1)
+            and bit_at(rows, v, u - 1)
+            and bit_at(rows, v + 1, u)
+            and bit_at(rows, v - 1, u)
         ):
             return True
     return False
@@ -151,7 +143,7 @@ def _near_wide(pixels, solid, half_widths):  # type: ignore[no-untyped-def]
     """Of `pixels`, keep those with a pixel of what is wider than two pixels (S opened by a cross) in the disc around
     them."""
     height, words = pixels.shape
-    width, reach = 64 * words, half_widths.shape[0] - 1
+    reach = half_widths.shape[0] - 1
     for y in range(height):
         for w in range(words):
             left = pixels[y, w]
@@ -163,7 +155,7 @@ def _near_wide(pixels, solid, half_widths):  # type: ignore[no-untyped-def]
                 while dy <= reach and not found:
                     half = half_widths[abs(dy)]
                     for u in range(x - half, x + half + 1):
-                        if _in_cross(solid, width, y + dy, u):
+                        if _in_cross(solid, y + dy, u):
                             found = True
                             break
                     dy += 1
@@ -294,25 +286,6 @@ def _set_where(image, rows, value, raise_only):  # type: ignore[no-untyped-def]
 
 
 def corrected_greys(
-    image: Values,
-    before: Rows,
-    after: Rows,
-    paths: Rows,
-    radius_px: tuple[float, float],
-    threshold: int,
-    *,
-    offset_px: tuple[float, float] = (0.0, 0.0),
-    dimmed: Rows | None = None,
-) -> Values:
-    """`greys_with_correction` as an array."""
-    return np.asarray(
-        greys_with_correction(
-            GreyImage.of(image), before, after, paths, radius_px, threshold, offset_px=offset_px, dimmed=dimmed
-        )
-    )
-
-
-def greys_with_correction(
     image: GreyImage,
     before: Rows,
     after: Rows,
@@ -343,7 +316,7 @@ def _corrected_bands(
     stencil: Values,
     threshold: int,
 ) -> Iterator[Values]:
-    """The bands of `greys_with_correction`, each made with the rows around it that the stencil and the rim reach."""
+    """The bands of `corrected_greys`, each made with the rows around it that the stencil and the rim reach."""
     height, width = image.shape
     reach, room = len(stencil) // 2 + 1, None
     for first, stop in bands_of(height, width):

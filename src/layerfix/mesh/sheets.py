@@ -26,8 +26,9 @@ from layerfix.kernels import njit
 from layerfix.layers.columns import Room
 from layerfix.layers.components import root_of
 from layerfix.layers.neighbours import bit_at
-from layerfix.mesh.crossings import KEYS, SLAB, TILE, Z_BITS, crossings, longer, paired, slabs_of
+from layerfix.mesh.crossings import KEYS, Z_BITS, crossings, longer
 from layerfix.mesh.fill import BITS, EVEN_ODD, ONE, SEGMENTS, below, row_crossings, sort, winding_is_inside
+from layerfix.mesh.near_facets import SLAB, TILE, paired, slabs_of
 from layerfix.stack import Remembered
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from layerfix.mesh.bodies import NO_COLOUR
-from layerfix.surface.solids import whole_solid
+from layerfix.surface.solids import new_ident, whole_solid
 
 if TYPE_CHECKING:
     import manifold3d
@@ -28,8 +28,6 @@ class Share(NamedTuple):
 
 def shared_out(meshes: Sequence[Mesh], added: Sequence[manifold3d.Manifold]) -> list[Share]:
     """Each added body to the one that it has most in common with; to the first that is not closed if with none."""
-    from layerfix.surface.solids import new_ident
-
     shares = []
     for mesh in meshes:
         ident = new_ident()
