@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from layerfix import LayerStack, correct, correct_image
 from layerfix.bits import pack
 from layerfix.layers.columns import bounding_box, to_columns, with_border
-from layerfix.layers.thickness import narrowest
+from layerfix.layers.thickness import edges_mm, narrowest
 from tests import slow_metric
 from tests.pictures_as_text import block, framed, images, round_dot, strip
 
@@ -192,3 +192,42 @@ def test_a_wall_hardly_narrower_than_the_limit_is_still_measured(width, pixel_mm
         for above in (1e-6, 0.3 * across_mm, 0.999 * across_mm, 5 * across_mm):
             assert measured(image, exact + above, pixel_mm) == pytest.approx(exact)
         assert measured(image, exact - 1e-6, pixel_mm) == exact - 1e-6
+
+
+def slow_edges_mm(image, y, x, ux, uy, beyond_mm, along_mm, px_mm, py_mm):
+    """(farthest solid, nearest void) centre in the half-strip before (y, x), pixel by pixel; outside is void."""
+    reach = int((beyond_mm + along_mm) / min(px_mm, py_mm)) + 2
+    solid, void = 0.0, np.inf
+    for v in range(int(y) - reach, int(y) + reach + 2):
+        for u in range(int(x) - reach, int(x) + reach + 2):
+            away = ux * (u - x) * px_mm + uy * ((v - y) * py_mm)
+            aside = uy * (u - x) * px_mm - ux * ((v - y) * py_mm)
+            if 0 < away <= beyond_mm + 1e-9 and abs(aside) <= along_mm + 1e-9:
+                inside = 0 <= v < image.shape[0] and 0 <= u < image.shape[1] and image[v, u]
+                solid, void = (max(solid, away), void) if inside else (solid, min(void, away))
+    return solid, void
+
+
+@given(
+    images(),
+    st.floats(0, 1),
+    st.floats(0, 1),
+    st.floats(0, 2 * np.pi) | st.sampled_from([k * np.pi / 4 for k in range(8)]),
+    st.floats(1, 90),
+    st.floats(0.3, 9),
+    st.sampled_from([SQUARE, PANEL]),
+)
+def test_edges_are_where_a_look_at_every_pixel_finds_them(image, down, across, angle, beyond_px, along_px, pixel):
+    """64 pixels at once, at any angle and from any point; and it stops only where that could not matter."""
+    y, x = down * (image.shape[0] - 1), across * (image.shape[1] - 1)
+    ux, uy, unit = np.cos(angle), np.sin(angle), max(pixel)
+    columns = to_columns(pack(image), (0, image.shape[0], 0, pack(image).shape[1]))
+    how = y, x, ux, uy, beyond_px * unit, along_px * unit
+    solid, void = slow_edges_mm(image, *how, *pixel)
+    assert edges_mm(columns, *how, -np.inf, *pixel) == pytest.approx((solid, void), abs=1e-12)
+    for enough in (-1.5 * unit, 0.0):
+        early = edges_mm(columns, *how, enough, *pixel)
+        if void - solid > enough:
+            assert early == pytest.approx((solid, void), abs=1e-12)
+        else:
+            assert early[1] - early[0] <= enough

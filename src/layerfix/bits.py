@@ -79,6 +79,18 @@ def lowest_bit(x):  # type: ignore[no-untyped-def]
 
 
 @njit
+def highest_bit(x):  # type: ignore[no-untyped-def]
+    """Index of the highest set bit of a word that is not 0."""
+    x |= x >> U1
+    x |= x >> np.uint64(2)
+    x |= x >> np.uint64(4)
+    x |= x >> np.uint64(8)
+    x |= x >> np.uint64(16)
+    x |= x >> np.uint64(32)
+    return popcount(x) - 1
+
+
+@njit
 def _put_mirrored(words, across, shift, line):  # type: ignore[no-untyped-def]
     """line[:] = words, mirrored along the columns if `across`; shift: bits past the width."""
     count = line.shape[0]

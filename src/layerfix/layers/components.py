@@ -9,7 +9,7 @@ from numba import types
 
 from layerfix.bits import ALL, ROWS, U0, U1, U63, WORK, lowest_bit, popcount
 from layerfix.kernels import njit
-from layerfix.layers.columns import BLOCK, bounding_box, to_columns, with_border
+from layerfix.layers.columns import bounding_box, to_columns, with_border
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,31 +22,72 @@ AREA, LEFT, TOP, RIGHT, BOTTOM = range(5)  # columns of `measured_parts`
 
 
 @njit
-def _row_runs(line, y, of_void, runs, n):  # type: ignore[no-untyped-def]
-    """Append (row, first, past the last) of the runs of set (or clear) bits in row y; returns their number."""
-    words = line.shape[0]
-    start, inside = 0, False
-    for w in range(words):
-        word = ~line[w] if of_void else line[w]
-        if word == U0 and not inside:
-            continue
-        if word == ~U0 and inside:
-            continue
-        # Bits where a run begins or ends: those that differ from the one before.
-        edges = word ^ ((word << U1) | (U1 if inside else U0))
-        while edges != U0:
-            x = w * 64 + lowest_bit(edges)
-            edges &= edges - U1
-            if inside:
-                runs[n, 0], runs[n, 1], runs[n, 2] = y, start, x
+def _longer(places, bits, count):  # type: ignore[no-untyped-def]
+    """The same two lists with room for twice as many."""
+    more_places, more_bits = np.empty((2 * bits.shape[0], 2), np.int32), np.empty(2 * bits.shape[0], np.uint64)
+    for k in range(count):
+        more_places[k, 0], more_places[k, 1], more_bits[k] = places[k, 0], places[k, 1], bits[k]
+    return more_places, more_bits
+
+
+@njit(types.UniTuple(NUMBERS, 2)(WORK), cache=True, nogil=True)
+def row_edges(columns):  # type: ignore[no-untyped-def]
+    """(starts, edges): edges[starts[y] : starts[y + 1]] are the x at which row y turns solid, void, solid …"""
+    words, height = columns.shape
+    starts, line = np.zeros(height + 1, np.int64), np.empty(height, np.uint64)
+    places, bits, n = np.empty((height, 2), np.int32), np.empty(height, np.uint64), 0
+    for w in range(words + 1):
+        if w == 0:
+            here = columns[w]
+            for y in range(height):
+                line[y] = here[y] ^ (here[y] << U1)
+        elif w == words:
+            here = columns[w - 1]
+            for y in range(height):
+                line[y] = here[y] >> U63
+        else:
+            west, here = columns[w - 1], columns[w]
+            for y in range(height):
+                line[y] = here[y] ^ (here[y] << U1) ^ (west[y] >> U63)
+        if n + height > bits.shape[0]:
+            places, bits = _longer(places, bits, n)
+        for y in range(height):
+            if line[y] != U0:
+                places[n, 0], places[n, 1], bits[n] = y, w, line[y]
+                starts[y + 1] += popcount(line[y])
                 n += 1
-            else:
-                start = x
-            inside = not inside
-    if inside:
-        runs[n, 0], runs[n, 1], runs[n, 2] = y, start, words * 64
-        n += 1
-    return n
+    for y in range(height):
+        starts[y + 1] += starts[y]
+    edges, where = np.empty(starts[height], np.int64), starts.copy()
+    for k in range(n):  # from the left, as each row's edges are to be
+        y, left, turns = places[k, 0], 64 * np.int64(places[k, 1]), bits[k]
+        while turns != U0:
+            edges[where[y]] = left + lowest_bit(turns)
+            where[y] += 1
+            turns &= turns - U1
+    return starts, edges
+
+
+@njit
+def _runs_between(starts, edges, width, of_void):  # type: ignore[no-untyped-def]
+    """(n, 3) row, first, past the last of the runs of solid (or void) in rows with these edges."""
+    height = starts.shape[0] - 1
+    runs, n = np.empty((edges.shape[0] // 2 + (height if of_void else 0), 3), np.int64), 0
+    for y in range(height):
+        first = 0 if of_void else width
+        for k in range(starts[y], starts[y + 1]):
+            begins = (k - starts[y]) & 1 == (1 if of_void else 0)
+            if begins:
+                first = edges[k]
+            elif edges[k] > first:
+                runs[n, 0], runs[n, 1], runs[n, 2] = y, first, edges[k]
+                n += 1
+            if not begins:
+                first = width
+        if of_void and first < width:
+            runs[n, 0], runs[n, 1], runs[n, 2] = y, first, width
+            n += 1
+    return runs[:n]
 
 
 @njit
@@ -58,6 +99,34 @@ def root_of(parent, k):  # type: ignore[no-untyped-def]
     return k
 
 
+@njit
+def joined_runs(starts, edges, width, of_void):  # type: ignore[no-untyped-def]
+    """`label_runs` of rows with these edges."""
+    runs = _runs_between(starts, edges, width, of_void)
+    parent = np.empty(runs.shape[0], np.int64)
+    reach = 0 if of_void else 1
+    first, above, above_stop, count = 0, 0, 0, 0
+    while first < runs.shape[0]:
+        y, stop, k = runs[first, 0], first, above
+        if above_stop and runs[above_stop - 1, 0] != y - 1:
+            k = above_stop  # there is a row without runs between
+        while stop < runs.shape[0] and runs[stop, 0] == y:
+            parent[stop] = stop
+            count += 1
+            while k < above_stop and runs[k, 2] + reach <= runs[stop, 1]:
+                k += 1
+            j = k
+            while j < above_stop and runs[j, 1] < runs[stop, 2] + reach:
+                a, b = root_of(parent, stop), root_of(parent, j)
+                if a != b:
+                    parent[max(a, b)] = min(a, b)
+                    count -= 1
+                j += 1
+            stop += 1
+        above, above_stop, first = first, stop, stop
+    return runs, parent, count
+
+
 @njit(types.Tuple((RUNS, NUMBERS, types.int64))(WORK, types.boolean), cache=True, nogil=True)
 def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
     """Components of the solid (8-connected) or of the void (4-connected, with the border round the layer).
@@ -65,39 +134,8 @@ def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
     Returns (runs (n, 3): row, first, past the last; for each run one of its component, that of the component's first
     run being itself; number of components).
     """
-    words, height = columns.shape
-    changes = 0
-    for w in range(words):
-        for y in range(height):
-            before = columns[w - 1, y] >> U63 if w else U0
-            changes += popcount(columns[w, y] ^ ((columns[w, y] << U1) | before))
-    most = changes // 2 + 2 * height
-    runs, parent = np.empty((most, 3), np.int64), np.empty(most, np.int64)
-    reach = 0 if of_void else 1
-    n, above, above_stop, count = 0, 0, 0, 0
-    lines = np.empty((BLOCK, words), np.uint64)  # rows of columns, as many as a cache line holds
-    for y in range(height):
-        first = n
-        if y % BLOCK == 0:
-            for w in range(words):
-                for i in range(min(BLOCK, height - y)):
-                    lines[i, w] = columns[w, y + i]
-        n = _row_runs(lines[y % BLOCK], y, of_void, runs, n)
-        k = above
-        for i in range(first, n):
-            parent[i] = i
-            count += 1
-            while k < above_stop and runs[k, 2] + reach <= runs[i, 1]:
-                k += 1
-            j = k
-            while j < above_stop and runs[j, 1] < runs[i, 2] + reach:
-                a, b = root_of(parent, i), root_of(parent, j)
-                if a != b:
-                    parent[max(a, b)] = min(a, b)
-                    count -= 1
-                j += 1
-        above, above_stop = first, n
-    return runs[:n], parent[:n], count
+    starts, edges = row_edges(columns)
+    return joined_runs(starts, edges, 64 * columns.shape[0], of_void)
 
 
 @njit(types.Tuple((NUMBERS, RUNS))(RUNS, NUMBERS), cache=True, nogil=True)

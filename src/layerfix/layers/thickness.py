@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from layerfix.bits import ALL, U0, U1, WORK, lowest_bit
+from layerfix.bits import ALL, U0, U1, WORK, highest_bit, lowest_bit
 from layerfix.kernels import njit
 
 SIGHT_PX = 31  # how far a look at one word sees to either side
@@ -100,44 +100,80 @@ def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def
 
 
 @njit
-def _between_mm(slope, start, least, most):  # type: ignore[no-untyped-def]
-    """The t for which least ≤ start + slope · t ≤ most, as (first, last); (1, -1) if there are none."""
-    if abs(slope) < 1e-9:
+def _inverse(slope):  # type: ignore[no-untyped-def]
+    return 1 / slope if abs(slope) > 1e-12 else np.inf
+
+
+@njit
+def _between_mm(per_mm, start, least, most):  # type: ignore[no-untyped-def]
+    """The t for which least ≤ start + t / per_mm ≤ most, as (first, last); (1, -1) if there are none."""
+    if abs(per_mm) > 1e9:
         return (-1e6, 1e6) if least - 1e-9 <= start <= most + 1e-9 else (1.0, -1.0)
-    a, b = (least - start) / slope, (most - start) / slope
+    a, b = (least - start) * per_mm, (most - start) * per_mm
     return min(a, b) - 1e-9, max(a, b) + 1e-9
 
 
-@njit(types.UniTuple(types.float64, 2)(WORK, *[types.float64] * 8), cache=True, nogil=True)
-def _edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+@njit
+def _pixels_from(columns, y, x):  # type: ignore[no-untyped-def]
+    """Pixels x … x + 63 of row y as one word; void outside the array."""
+    if y < 0 or y >= columns.shape[1]:
+        return U0
+    w, shift = x >> 6, np.uint64(x & 63)
+    low = columns[w, y] if 0 <= w < columns.shape[0] else U0
+    if shift == U0:
+        return low
+    high = columns[w + 1, y] if 0 <= w + 1 < columns.shape[0] else U0
+    return (low >> shift) | (high << (np.uint64(64) - shift))
+
+
+@njit(types.UniTuple(types.float64, 2)(WORK, *[types.float64] * 9), cache=True, nogil=True)
+def edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, parted_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
     """(farthest solid, nearest void) pixel centre from the point (y, x) along the direction u, in mm, among those up
-    to `along_mm` to either side of it and `beyond_mm` away."""
+    to `along_mm` to either side of it and `beyond_mm` away.
+
+    It stops looking once the void begins no more than `parted_mm` past the solid.
+    """
     solid, void = 0.0, np.inf
-    reach_y = (beyond_mm * abs(uy) + along_mm * abs(ux)) / py_mm
-    for v in range(int(np.floor(y - reach_y)), int(y + reach_y) + 2):
+    top, bottom = y + min(beyond_mm * uy, 0.0) / py_mm, y + max(beyond_mm * uy, 0.0) / py_mm
+    aside = along_mm * abs(ux) / py_mm
+    per_ux, per_uy, per_px = _inverse(ux), _inverse(uy), 1 / px_mm
+    for v in range(int(np.floor(top - aside)), int(bottom + aside) + 2):
         dy_mm = (v - y) * py_mm
-        first, last = _between_mm(ux, uy * dy_mm, 0.0, beyond_mm)
-        low, high = _between_mm(uy, -ux * dy_mm, -along_mm, along_mm)
-        for u in range(int(np.ceil(x + max(first, low) / px_mm)), int(np.floor(x + min(last, high) / px_mm)) + 1):
-            away = ux * (u - x) * px_mm + uy * dy_mm
-            if away <= 0:
-                continue
-            if _solid(columns, v, u):
-                solid = max(solid, away)
-            else:
-                void = min(void, away)
+        first, last = _between_mm(per_ux, uy * dy_mm, 0.0, beyond_mm)
+        low, high = _between_mm(per_uy, -ux * dy_mm, -along_mm, along_mm)
+        u, end = int(np.ceil(x + max(first, low) * per_px)), int(np.floor(x + min(last, high) * per_px))
+        while u <= end and ux * ((u if ux > 0 else end) - x) * px_mm + uy * dy_mm <= 0:  # behind the point
+            u, end = (u + 1, end) if ux > 0 else (u, end - 1)
+        while u <= end:
+            inside = ALL >> np.uint64(max(63 - (end - u), 0))
+            pixels = _pixels_from(columns, v, u)
+            here, free = pixels & inside, ~pixels & inside
+            if here != U0:
+                far = u + (highest_bit(here) if ux > 0 else lowest_bit(here))
+                solid = max(solid, ux * (far - x) * px_mm + uy * dy_mm)
+            if free != U0:
+                near = u + (lowest_bit(free) if ux > 0 else highest_bit(free))
+                void = min(void, ux * (near - x) * px_mm + uy * dy_mm)
+            u += 64
+        if void - solid <= parted_mm:
+            break
     return solid, void
 
 
 @njit
 def _chords_mm(columns, y, x, beyond_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
-    """(least, most, mean) width through the point (y, x) in all directions, and the middle of the edges (y, x)."""
+    """(least, most, mean) width through the point (y, x) in all directions, and the middle of the edges (y, x); inf
+    for `most` where a direction has no edge."""
     ray_mm = RAY_PX * max(px_mm, py_mm)
     least, most, total, middle_y, middle_x = np.inf, 0.0, 0.0, 0.0, 0.0
     for k in range(DIRECTIONS):
         ux, uy = np.cos(np.pi * k / DIRECTIONS), np.sin(np.pi * k / DIRECTIONS)
-        solid, void = _edges_mm(columns, y, x, ux, uy, beyond_mm, ray_mm, px_mm, py_mm)
-        far_solid, far_void = _edges_mm(columns, y, x, -ux, -uy, beyond_mm, ray_mm, px_mm, py_mm)
+        solid, void = edges_mm(columns, y, x, ux, uy, beyond_mm, ray_mm, -np.inf, px_mm, py_mm)
+        if void == np.inf:
+            return least, void, void, y, x
+        far_solid, far_void = edges_mm(columns, y, x, -ux, -uy, beyond_mm, ray_mm, -np.inf, px_mm, py_mm)
+        if far_void == np.inf:
+            return least, far_void, far_void, y, x
         across, off = (solid + void + far_solid + far_void) / 2, (solid + void - far_solid - far_void) / 2
         least, most, total = min(least, across), max(most, across), total + across
         middle_y, middle_x = middle_y + off * uy, middle_x + off * ux
@@ -154,7 +190,7 @@ def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no
     """
     pixel_mm = max(px_mm, py_mm)
     beyond_mm = rough_mm + 1.5 * pixel_mm  # a path may run along one side
-    least, most, mean, middle_y, middle_x = _chords_mm(columns, float(y), float(x), beyond_mm, px_mm, py_mm)
+    least, most, mean, middle_y, middle_x = _chords_mm(columns, y, x, beyond_mm, px_mm, py_mm)
     if most < np.inf:
         least, most, mean, _, _ = _chords_mm(columns, middle_y, middle_x, beyond_mm, px_mm, py_mm)
         if most < np.inf and most <= least * (SMALL_PIN if mean < 5 * pixel_mm else ROUND_PIN):
@@ -165,8 +201,10 @@ def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no
         parted = -np.inf
         for k in range(DIRECTIONS):
             ux, uy = np.cos(np.pi * k / DIRECTIONS), np.sin(np.pi * k / DIRECTIONS)
-            solid, void = _edges_mm(columns, float(y), float(x), ux, uy, beyond_mm, along_mm, px_mm, py_mm)
-            far_solid, far_void = _edges_mm(columns, float(y), float(x), -ux, -uy, beyond_mm, along_mm, px_mm, py_mm)
+            solid, void = edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, parted, px_mm, py_mm)
+            if void - solid <= parted:
+                continue
+            far_solid, far_void = edges_mm(columns, y, x, -ux, -uy, beyond_mm, along_mm, parted, px_mm, py_mm)
             gap = min(void - solid, far_void - far_solid)
             if parted < gap < np.inf and void + far_void < np.inf:
                 parted, width_mm = gap, (solid + void + far_solid + far_void) / 2
@@ -232,6 +270,7 @@ def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untype
     width_mm = limit_mm
     for k in range(count):
         if rough_mm[k] < best + doubt_mm:
-            wide = _between_edges_mm(columns, spots[k, 0], spots[k, 1], rough_mm[k], px_mm, py_mm)
+            at_y, at_x = float(spots[k, 0]), float(spots[k, 1])
+            wide = _between_edges_mm(columns, at_y, at_x, rough_mm[k], px_mm, py_mm)
             width_mm = min(width_mm, max(wide, least_mm))
     return width_mm

@@ -12,7 +12,7 @@ from layerfix.bits import WORK, pack
 from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import bounding_box, to_columns, with_border
-from layerfix.layers.components import AREA, BOTTOM, LEFT, RIGHT, RUNS, TOP, label_runs, measured_parts
+from layerfix.layers.components import AREA, BOTTOM, LEFT, RIGHT, RUNS, TOP, joined_runs, measured_parts, row_edges
 from layerfix.stack import Layer, LayerStack
 
 if TYPE_CHECKING:
@@ -46,14 +46,10 @@ class TopologyChange:
     z_mm: tuple[float, float] = (0.0, 0.0)
 
 
-@njit(types.Tuple((RUNS, RUNS, RUNS))(WORK, WORK, types.boolean), cache=True, nogil=True)
-def _overlaps(before, after, of_void):  # type: ignore[no-untyped-def]
-    """(components of `before`, of `after`: area and box; (n, 2): which of them share a pixel, some several times)."""
-    runs, parent, _ = label_runs(before, of_void)
-    number, parts = measured_parts(runs, parent)
-    other_runs, other_parent, _ = label_runs(after, of_void)
-    other_number, other_parts = measured_parts(other_runs, other_parent)
-    latest = np.full(parts.shape[0], -1, np.int64)
+@njit
+def _shared(runs, number, other_runs, other_number, parts):  # type: ignore[no-untyped-def]
+    """(n, 2): which components share a pixel, some several times."""
+    latest = np.full(parts, -1, np.int64)
     pairs = np.empty((runs.shape[0] + other_runs.shape[0], 2), np.int64)
     n, j = 0, 0
     for k in range(runs.shape[0]):
@@ -70,7 +66,47 @@ def _overlaps(before, after, of_void):  # type: ignore[no-untyped-def]
                 latest[a] = b
                 n += 1
             i += 1
-    return parts, other_parts, pairs[:n].copy()
+    return pairs[:n]
+
+
+@njit
+def _one_to_one(pairs, parts, others):  # type: ignore[no-untyped-def]
+    """Whether each component shares pixels with exactly one of the others."""
+    partner, other_partner = np.full(parts, -1, np.int64), np.full(others, -1, np.int64)
+    met = 0
+    for k in range(pairs.shape[0]):
+        a, b = pairs[k]
+        if partner[a] == b and other_partner[b] == a:
+            continue
+        if partner[a] >= 0 or other_partner[b] >= 0:
+            return False
+        partner[a], other_partner[b] = b, a
+        met += 1
+    return met == parts and met == others
+
+
+@njit(types.UniTuple(RUNS, 6)(WORK, WORK), cache=True, nogil=True)
+def _overlaps(before, after):  # type: ignore[no-untyped-def]
+    """(components of `before`, of `after`: area and box; (n, 2): which of them share a pixel, some several times),
+    and the same of the void; of either nothing if each shares pixels with exactly one."""
+    width = 64 * before.shape[0]
+    starts, edges = row_edges(before)
+    other_starts, other_edges = row_edges(after)
+    nothing = np.empty((0, 5), np.int64)
+    found = (nothing, nothing, nothing)
+    for of_void in (True, False):
+        runs, parent, _ = joined_runs(starts, edges, width, of_void)
+        number, parts = measured_parts(runs, parent)
+        other_runs, other_parent, _ = joined_runs(other_starts, other_edges, width, of_void)
+        other_number, other_parts = measured_parts(other_runs, other_parent)
+        pairs = _shared(runs, number, other_runs, other_number, parts.shape[0])
+        if _one_to_one(pairs, parts.shape[0], other_parts.shape[0]):
+            parts, other_parts, pairs = nothing, nothing, nothing
+        if of_void:
+            found = (parts, other_parts, pairs.copy())
+        else:
+            return parts, other_parts, pairs.copy(), found[0], found[1], found[2]
+    return nothing, nothing, nothing, nothing, nothing, nothing
 
 
 def box_of(
@@ -107,13 +143,17 @@ def changes_of(
         box_mm = box_of(whole, corner_px, pixel_mm, origin_mm)
         found.append(TopologyChange(kind, count, box_mm, area_px * pixel_mm[0] * pixel_mm[1], z_mm))
 
-    names: tuple[tuple[bool, Kind, Kind, Kind, Kind], ...] = (
-        (False, "merged", "split", "lost", "new"),
-        (True, "opened", "enclosed", "closed", "opened"),
+    names: tuple[tuple[Kind, Kind, Kind, Kind], ...] = (
+        ("merged", "split", "lost", "new"),
+        ("opened", "enclosed", "closed", "opened"),
     )
-    for of_void, many_one, one_many, gone, new in names:
-        parts, others, pairs = _overlaps(before, after, of_void)
-        if of_void:
+    overlaps = _overlaps(before, after)
+    for (many_one, one_many, gone, new), parts, others, pairs in zip(
+        names, overlaps[::3], overlaps[1::3], overlaps[2::3], strict=True
+    ):
+        if not len(pairs) and not len(parts) and not len(others):
+            continue
+        if gone == "closed":
             parts[0, AREA] = others[0, AREA] = OUTSIDE_PX
         lone, other_lone, groups = _groups(len(parts), len(others), pairs)
         for mine, its in groups:

@@ -13,7 +13,7 @@ from numba import types
 
 from layerfix.bits import ALL, U0, U1, lowest_bit
 from layerfix.kernels import njit
-from layerfix.mesh.near_facets import INDICES, MASKS, POINTS, TRIANGLES, all_parts, area_of, longer_table, near_parts
+from layerfix.mesh.near_facets import INDICES, MASKS, POINTS, TRIANGLES, area_of, longer_table, rows_of
 
 Z_BITS = 30
 KEYS = types.Array(types.int64, 1, "C")
@@ -133,35 +133,32 @@ def crossings(points, faces, chosen, intervals, mine, scale, within, always, ali
     runs       a table to work in, which is returned, too: longer, if it was too short
     """
     height, n, (low, high) = seen.shape[1], 0, within
-    if mine:
-        parts = near_parts(points, faces, chosen, intervals, mine, low, high, alike, width, height)
-    else:
-        parts = all_parts(points, faces, chosen, low, high, width, height)
-    last, down, near, whole = -1, np.int64(0), False, False
-    a = b = c = middle = np.int32(0)
-    j_top = j_middle = j_bottom = np.int64(0)
-    xa = ya = za = z0 = z1 = gx = gy = per_z = 0.0
-    x_top = y_top = x_middle = y_middle = long = upper = lower = 0.0
-    for part in range(parts.shape[0]):
-        p, j0, j1, i0, i1 = parts[part]
-        if p != last:
-            last = p
-            a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
-            xa, ya, za = points[a, 0], points[a, 1], points[a, 2]
-            z0, z1 = min(za, points[b, 2], points[c, 2]), max(za, points[b, 2], points[c, 2])
-            gx, gy = _plane(points, a, b, c)
-            per_z = 1 / gx if abs(gx) > 1e-9 else 0.0
-            down = np.int64(0 if alike else area_of(points, a, b, c) > 0)
-            near, whole = z1 > always[0] and z0 <= always[1], z0 > low and z1 <= high
-            top, middle, bottom = _by_rows(points, a, b, c)
-            x_top, y_top, x_middle, y_middle = points[top, 0], points[top, 1], points[middle, 0], points[middle, 1]
-            j_top, j_middle, j_bottom = math.ceil(y_top), math.ceil(y_middle), math.ceil(points[bottom, 1])
-            long, upper = _slope(points, top, bottom), _slope(points, top, middle)
-            lower = _slope(points, middle, bottom)
-        for j in range(max(j0, j_top), min(j1, j_bottom)):
+    for p in range(chosen.shape[0]):
+        if mine and intervals[p] & mine == 0:
+            continue
+        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
+        xa, ya, za = points[a, 0], points[a, 1], points[a, 2]
+        z0, z1 = min(za, points[b, 2], points[c, 2]), max(za, points[b, 2], points[c, 2])
+        if z0 > high or z1 <= low:
+            continue
+        top, middle, bottom = _by_rows(points, a, b, c)
+        x_top, y_top, x_middle, y_middle = points[top, 0], points[top, 1], points[middle, 0], points[middle, 1]
+        j_middle = math.ceil(y_middle)
+        whole = z0 > low and z1 <= high
+        j0, j1 = max(math.ceil(y_top), 0), min(math.ceil(points[bottom, 1]), height)
+        if not whole:
+            j0, j1 = rows_of(points, a, b, c, low, high, j0, j1)
+        if j0 >= j1:
+            continue
+        gx, gy = _plane(points, a, b, c)
+        per_z = 1 / gx if abs(gx) > 1e-9 else 0.0
+        down = np.int64(0 if alike else area_of(points, a, b, c) > 0)
+        near = z1 > always[0] and z0 <= always[1]
+        long, upper, lower = _slope(points, top, bottom), _slope(points, top, middle), _slope(points, middle, bottom)
+        for j in range(j0, j1):
             one = math.ceil(x_top + (j - y_top) * long)
             other = math.ceil(x_top + (j - y_top) * upper if j < j_middle else x_middle + (j - y_middle) * lower)
-            first, stop = max(min(one, other), i0), min(max(one, other), i1)
+            first, stop = max(min(one, other), 0), min(max(one, other), width)
             if stop <= first:
                 continue
             at_row = za + gy * (j - ya) - gx * xa

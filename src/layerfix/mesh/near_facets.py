@@ -200,46 +200,6 @@ def _with_strip(strips, n, p, v, u0, u1):  # type: ignore[no-untyped-def]
     return strips
 
 
-@njit
-def near_parts(points, faces, chosen, intervals, mine, low, high, alike, width, height):  # type: ignore[no-untyped-def]
-    """Of facets that cross low < z ≤ high the rows in tiles that may hold a pixel with one facing up and one down
-    (`alike`: with two of any kind): (n, 5) number in `chosen`, first row, past the last, first column, past it.
-
-    intervals  of each facet, a mask; only those count that hold one of `mine`
-    """
-    across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
-    tiles = np.zeros((along, across), np.uint8)
-    least, most = np.empty(along), np.empty(along)
-    xs, ys = np.empty(9), np.empty(9)
-    strips, n = np.empty((256, 4), np.int32), 0
-    for p in range(chosen.shape[0]):
-        if intervals[p] & mine == 0:
-            continue
-        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
-        v0, v1 = _strips(points, a, b, c, low, high, along, xs, ys, least, most)
-        mark = np.uint8(2 if area_of(points, a, b, c) > 0 else 1)
-        for v in range(v0, v1 + 1):
-            u0, u1 = _tiles_between(least[v], most[v], width)
-            if u1 < u0:
-                continue
-            strips = _with_strip(strips, n, p, v, u0, u1)
-            n += 1
-            for u in range(u0, u1 + 1):
-                tiles[v, u] |= (tiles[v, u] << 1 | 1) & 3 if alike else mark
-    parts, k = np.empty((n, 5), np.int32), 0
-    for s in range(n):
-        p, v, u0, u1 = strips[s]
-        while u0 <= u1 and tiles[v, u0] != 3:
-            u0 += 1
-        while u0 < u1 and tiles[v, u1] != 3:
-            u1 -= 1
-        if u0 <= u1:
-            parts[k, 0], parts[k, 1], parts[k, 2] = p, v * TILE, min(v * TILE + TILE, height)
-            parts[k, 3], parts[k, 4] = u0 * TILE, min(u1 * TILE + TILE, width)
-            k += 1
-    return parts[:k]
-
-
 @njit(
     types.Tuple((INDICES, MASKS))(
         POINTS, TRIANGLES, INDICES, HEIGHTS, types.int64, types.int64, types.int64, types.boolean
@@ -295,16 +255,9 @@ def paired(points, faces, chosen, edges, q0, width, height, alike):  # type: ign
 
 
 @njit
-def all_parts(points, faces, chosen, low, high, width, height):  # type: ignore[no-untyped-def]
-    """The same of all facets, in all tiles."""
-    parts, n = np.empty((chosen.shape[0], 5), np.int32), 0
-    for p in range(chosen.shape[0]):
-        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
-        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
-        if max(za, zb, zc) > low and min(za, zb, zc) <= high:
-            y0, y1 = _rows_between(points, a, b, c, low, high)
-            if y0 < height and y1 >= 0:
-                parts[n, 0], parts[n, 1], parts[n, 2] = p, max(math.ceil(y0), 0), min(math.floor(y1) + 1, height)
-                parts[n, 3], parts[n, 4] = 0, width
-                n += 1
-    return parts[:n]
+def rows_of(points, a, b, c, low, high, first, stop):  # type: ignore[no-untyped-def]
+    """Of a facet's rows first … stop - 1 those in which it may lie in low < z ≤ high; of a few rows all of them."""
+    if stop - first <= TILE:
+        return first, stop
+    y0, y1 = _rows_between(points, a, b, c, low, high)
+    return max(first, math.ceil(y0)), min(stop, math.floor(y1) + 1)
