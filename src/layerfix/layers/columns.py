@@ -76,28 +76,27 @@ class Room:
         """A pickled one is empty."""
         return Room, ()
 
-    def columns(self, outer: tuple[int, int, int, int], count: int) -> list[NDArray[np.uint64]]:
-        """So many arrays for columns of a box, with anything in them; they are good until the next call."""
+    def columns(self, outer: tuple[int, int, int, int], count: int) -> NDArray[np.uint64]:
+        """(count, words, height): columns of a box, with anything in them; they are good until the next call."""
         y0, y1, w0, w1 = outer
         words, height = w1 - w0, y1 - y0
         needed = count * words * height
         kept: NDArray[np.uint64] = getattr(self._local, "kept", np.empty(0, np.uint64))
         if len(kept) < needed:
             self._local.kept = kept = np.empty(needed + needed // 4, np.uint64)
-        return list(kept[:needed].reshape(count, words, height))
+        return kept[:needed].reshape(count, words, height)
 
-    def empty_images(self, count: int, shape: tuple[int, int]) -> NDArray[np.uint64]:
-        """(count, *shape) uint64, all 0, to be given back by `emptied`, all 0 again."""
-        needed = count * shape[0] * shape[1]
+    def zeros(self, needed: int) -> NDArray[np.uint64]:
+        """(n,) uint64, at least so many, all 0, to be given back by `emptied`, all 0 again."""
         kept: NDArray[np.uint64] | None = getattr(self._local, "zeros", None)
         self._local.zeros = None  # whoever has it may break off
         if kept is None or len(kept) < needed:
             kept = np.zeros(needed + needed // 4, np.uint64)
-        return kept[:needed].reshape(count, *shape)
+        return kept
 
-    def emptied(self, images: NDArray[np.uint64]) -> None:
-        """Take back what `empty_images` gave."""
-        self._local.zeros = images.base
+    def emptied(self, zeros: NDArray[np.uint64]) -> None:
+        """Take back what `zeros` gave."""
+        self._local.zeros = zeros
 
 
 @njit(WORK(ROWS, BOX), cache=True, nogil=True)

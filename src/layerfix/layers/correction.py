@@ -18,18 +18,12 @@ from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import Room, fill_columns, to_rows
 from layerfix.layers.components import smaller_than
-from layerfix.layers.drawing import (
-    anchor_columns,
-    box_with_reach,
-    draw_paths,
-    find_paths,
-    missing_places,
-    open_columns,
-)
+from layerfix.layers.drawing import box_with_reach, draw_paths, missing_places
 from layerfix.layers.feature import Feature, Radius, feature_of_mm, feature_of_size
 from layerfix.layers.gaps import GROWS, Conflict, Grow, centres_apart, grow_apart, one_by_one, void_parts
 from layerfix.layers.heights import Raised, with_min_layers
-from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule, scratch_images, skeleton_columns
+from layerfix.layers.print_paths import IMAGES_OF_LAYER, printed_and_paths, tool_of
+from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule
 from layerfix.layers.specks import with_specks
 from layerfix.layers.thickness import narrowest
 from layerfix.layers.topology import TopologyChange, box_of, changes_of
@@ -100,36 +94,34 @@ def _corrected(
     small: NDArray[np.int64] | None = None,
 ) -> _Corrected | None:
     """One layer; None if it is empty."""
-    half_widths, block = feature.half_widths, feature.block
+    disc = feature.half_widths, *feature.block
     shifts = free is not None and (free.keep_out is not None or free.grow != "both")
     reach_x, reach_y = feature.reach_px
     outer = box_with_reach(rows, (1 + shifts) * reach_x, (1 + shifts) * reach_y)
     if outer[1] == 0:
         return None
     out = np.zeros(rows.shape, np.uint64)
-    solid, anchor, skeleton, *scratch = room.columns(outer, 3 + max(scratch_images(spurs), 3))
+    images = room.columns(outer, IMAGES_OF_LAYER)
+    solid, _, skeleton, printed, paths, spare = images[:6]
     fill_columns(rows, outer, solid)
-    anchor_columns(solid, half_widths, *block, anchor, scratch[0])
-    skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch, room)
-    printed, paths, spare = scratch[:3]
-    open_columns(anchor, half_widths, printed, spare)
     centres = paths
     conflicts: list[Found] = []
-    if find_paths(solid, skeleton, anchor, printed, half_widths, *block, feature.by_size, paths):
+    gap_px = None if free is None else free.gap_px
+    if printed_and_paths(images, tool_of(feature, spurs), room, whole=gap_px is not None):
         if free is not None and shifts:
             centres, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
-        draw_paths(centres, printed, half_widths, *block, spare)
+        draw_paths(centres, printed, *disc, spare)
     dots = np.empty_like(solid) if small is not None else solid
     if small is not None and missing_places(printed, small, outer[0], 64 * outer[2], dots):
         if free is not None and shifts:
             dots, more = _kept_out(solid, dots, outer, feature, free, pixel_mm)
             conflicts += more
-        draw_paths(dots, printed, half_widths, *block, spare)
+        draw_paths(dots, printed, *disc, spare)
         paths, centres = paths | dots & solid, centres | dots
     if add_only:
         np.bitwise_or(printed, solid, out=printed)
-    if free is not None and free.gap_px is not None:
-        found = grow_apart(solid, skeleton, printed, centres, feature, free.gap_px, pixel_mm)
+    if gap_px is not None:
+        found = grow_apart(solid, skeleton, printed, centres, feature, gap_px, pixel_mm)
         conflicts += [("gap", *one) for one in found]
     to_rows(printed, outer, width, out)
     return _Corrected(out, outer, solid, paths, centres, printed, conflicts)

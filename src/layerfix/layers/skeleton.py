@@ -10,7 +10,7 @@ that is in mm depends on the direction. "metric" (`layerfix.layers.metric`) meas
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numba import types
@@ -21,18 +21,20 @@ from layerfix.kernels import njit
 from layerfix.layers.columns import BLOCK, Room, fill_columns, to_columns, to_rows
 from layerfix.layers.drawing import anchor_columns, box_with_reach
 from layerfix.layers.feature import Feature, Radius, feature_of_radius, feature_of_size
+from layerfix.layers.metric.levels import PLAN, plan_for
+from layerfix.layers.metric.rule import ZEROS, thin_metric, zeros_needed
+from layerfix.layers.metric.tiles import IMAGES
 from layerfix.layers.morphology import disc_half_widths, working_box
 from layerfix.layers.thinning import FIRST, SECOND, SPURS, flag_free, remove_spurs, start_changes, sub_iteration
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike, NDArray
 
     from layerfix.bits import Rows
 
 Spurs = Literal["metric", "paper"]
 SPUR_RULES: tuple[Spurs, ...] = get_args(Spurs)
+SCRATCH_IMAGES = 4
 
 
 @njit(types.void(WORK, WORK, types.float64, WORK), cache=True, nogil=True)
@@ -78,28 +80,27 @@ def check_spurs(spurs: str) -> None:
         raise InputError(f"spurs='{spurs}' is not known; choose from {', '.join(SPUR_RULES)}")
 
 
-def scratch_images(spurs: Spurs) -> int:
-    """How many images `skeleton_columns` works in."""
-    return {"metric": 4, "paper": 1}[spurs]
+@njit(types.void(WORK, WORK, types.boolean, types.float64, PLAN, WORK, IMAGES, ZEROS), cache=True, nogil=True)
+def skeleton_columns(solid, anchor, metric, rounds, plan, out, scratch, zeros):  # type: ignore[no-untyped-def]
+    """out = M̂ of the columns `solid`, thinned around `anchor`.
+
+    metric, rounds, plan  `spur_numbers`
+    scratch               SCRATCH_IMAGES more columns; zeros: `zeros_needed` words, if metric
+    """
+    for w in range(solid.shape[0]):
+        here, line = solid[w], out[w]
+        for y in range(here.shape[0]):
+            line[y] = here[y]
+    if metric:
+        thin_metric(out, solid, anchor, scratch, plan, zeros)
+    else:
+        thin_anchored(out, anchor, rounds, scratch[0])
 
 
-def skeleton_columns(
-    solid: NDArray[np.uint64],
-    anchor: NDArray[np.uint64],
-    feature: Feature,
-    spurs: Spurs,
-    out: NDArray[np.uint64],
-    scratch: Sequence[NDArray[np.uint64]],
-    room: Room,
-) -> None:
-    """out = M̂ of the columns `solid`, thinned around `anchor`; scratch: `scratch_images` more of them."""
-    np.copyto(out, solid)
-    if spurs == "paper":
-        thin_anchored(out, anchor, max(feature.radius_px), scratch[0])
-        return
-    from layerfix.layers.metric import thin_metric
-
-    thin_metric(out, solid, anchor, feature, scratch, room)
+def spur_numbers(feature: Feature, spurs: Spurs) -> tuple[bool, float, tuple[Any, ...]]:
+    """(whether ends are measured; by how many rounds they are shortened if not; the plan) of a rule, for kernels."""
+    plan = plan_for(*feature.radius_px) if spurs == "metric" else plan_for(1.0, 1.0)
+    return spurs == "metric", float(max(feature.radius_px)), plan.numbers
 
 
 def meso_skeleton_rows(rows: Rows, width: int, feature: Feature, spurs: Spurs) -> Rows:
@@ -108,10 +109,13 @@ def meso_skeleton_rows(rows: Rows, width: int, feature: Feature, spurs: Spurs) -
     outer = box_with_reach(rows, *feature.reach_px)
     if outer[1]:
         room = Room()
-        solid, anchor, skeleton, *scratch = room.columns(outer, 3 + scratch_images(spurs))
+        images = room.columns(outer, 3 + SCRATCH_IMAGES)
+        solid, anchor, skeleton, scratch = images[0], images[1], images[2], images[3:]
         fill_columns(rows, outer, solid)
         anchor_columns(solid, feature.half_widths, *feature.block, anchor, scratch[0])
-        skeleton_columns(solid, anchor, feature, spurs, skeleton, scratch, room)
+        metric, rounds, plan = spur_numbers(feature, spurs)
+        zeros = room.zeros(zeros_needed(plan, *solid.shape))
+        skeleton_columns(solid, anchor, metric, rounds, plan, skeleton, scratch, zeros)
         to_rows(skeleton, outer, width, out)
     return out
 

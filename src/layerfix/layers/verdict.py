@@ -21,16 +21,14 @@ from layerfix.layers.components import (
     parts_apart,
 )
 from layerfix.layers.drawing import (
-    anchor_columns,
     box_with_reach,
     draw_paths,
-    find_paths,
     missing_places,
-    open_columns,
 )
 from layerfix.layers.feature import Feature, feature_of_mm
 from layerfix.layers.gaps import one_by_one
-from layerfix.layers.skeleton import Spurs, check_spurs, scratch_images, skeleton_columns
+from layerfix.layers.print_paths import IMAGES_OF_LAYER, PATHS, SOLID, printed_and_paths, tool_of
+from layerfix.layers.skeleton import Spurs, check_spurs
 from layerfix.layers.thickness import narrowest
 from layerfix.layers.topology import TopologyChange, box_of, changes_of
 
@@ -125,18 +123,19 @@ class _Judge:
         if outer[1] == 0:
             return layer.rows, LayerVerdict(layer.z_mm, 0)
         gap_mm = min((width for _, width in self.narrow(layer.rows, True, each=False)), default=None)
-        images = self.room.columns(outer, 6 + scratch_images(self.spurs))
-        solid, opened, drawn, paths = images[:4]
+        images = self.room.columns(outer, IMAGES_OF_LAYER + 1)
+        solid, _, _, opened, paths, spare, dots = images[:7]
+        drawn = images[-1]
         fill_columns(layer.rows, outer, solid)
         any_path = self._find(images)
         parts, kept, features, lost_px = _lost(solid, opened, paths, drawn)
         corner_px, area_mm2 = (64 * outer[2], outer[0]), pixel_mm[0] * pixel_mm[1]
         if layer.small is not None:  # separate pieces that the raster joins with others
-            np.bitwise_or(opened, drawn, out=images[4])
-            features += missing_places(images[4], layer.small, outer[0], 64 * outer[2], images[5])
-            any_path = any_path or bool(images[5].any())
-            paths |= images[5] & solid
-            draw_paths(images[5], drawn, feature.half_widths, *feature.block, images[4])
+            np.bitwise_or(opened, drawn, out=spare)
+            features += missing_places(spare, layer.small, outer[0], 64 * outer[2], dots)
+            any_path = any_path or bool(dots.any())
+            paths |= dots & solid
+            draw_paths(dots, drawn, feature.half_widths, *feature.block, spare)
         verdict = LayerVerdict(
             layer.z_mm,
             len(parts),
@@ -163,8 +162,8 @@ class _Judge:
         all of them together.
         """
         outer = box_with_reach(rows, *(3 * reach + 3 for reach in self.feature.reach_px))
-        images = self.room.columns(outer, 6 + scratch_images(self.spurs))
-        solid, paths = images[0], images[3]
+        images = self.room.columns(outer, IMAGES_OF_LAYER + 1)
+        solid, paths = images[SOLID], images[PATHS]
         fill_columns(rows, outer, solid)
         if of_void:  # what is outside the box is void, too, but far away: its border stays empty, as kernels need it
             np.bitwise_not(solid[1:-1, 1:-1], out=solid[1:-1, 1:-1])
@@ -177,19 +176,15 @@ class _Judge:
         corner = np.array([0, 64 * outer[2], outer[0], 64 * outer[2], outer[0]])
         return [(part + corner, float(narrowest(solid, only, limit_mm, *self.pixel_mm))) for part, only in found]
 
-    def _find(self, images: list[Columns]) -> bool:
-        """Of S, the first of some images: S ∘ F, what F draws along the paths, the paths; whether there are any."""
-        feature = self.feature
-        half_widths, block = feature.half_widths, feature.block
-        solid, opened, drawn, paths, anchor, skeleton, *scratch = images
-        anchor_columns(solid, half_widths, *block, anchor, scratch[0])
-        open_columns(anchor, half_widths, opened, scratch[0])
+    def _find(self, images: Columns) -> bool:
+        """`printed_and_paths` of the first image, S, and what F draws along the paths, in the last; whether there are
+        any."""
+        drawn, feature = images[-1], self.feature
+        found = printed_and_paths(images[:-1], tool_of(feature, self.spurs), self.room)
         drawn[:] = 0
-        skeleton_columns(solid, anchor, feature, self.spurs, skeleton, scratch, self.room)
-        found = find_paths(solid, skeleton, anchor, opened, half_widths, *block, feature.by_size, paths)
         if found:
-            draw_paths(paths, drawn, half_widths, *block, scratch[0])
-        return bool(found)
+            draw_paths(images[PATHS], drawn, feature.half_widths, *feature.block, images[PATHS + 1])
+        return found
 
     def places(
         self, table: NDArray[np.int64], z_mm: tuple[float, float], corner_px: tuple[int, int] = (0, 0)

@@ -30,10 +30,10 @@ from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import Room, fill_columns, to_columns
 from layerfix.layers.components import label_runs, same_topology
-from layerfix.layers.drawing import anchor_columns, box_with_reach, find_paths, open_columns
+from layerfix.layers.drawing import anchor_columns, box_with_reach, open_columns
 from layerfix.layers.feature import Feature, feature_of_mm
 from layerfix.layers.morphology import HALF_WIDTHS
-from layerfix.layers.skeleton import scratch_images, skeleton_columns
+from layerfix.layers.print_paths import IMAGES_OF_LAYER, PATHS, SOLID, printed_and_paths, tool_of
 from layerfix.layers.thickness import narrowest
 from layerfix.units import format_mm
 
@@ -305,14 +305,11 @@ class _Thinned:
         outer = box_with_reach(layer.rows, *feature.reach_px)
         if outer[1] == 0:
             return np.inf
-        solid, anchor, skeleton, opened, paths, *scratch = self.room.columns(outer, 5 + scratch_images("metric"))
-        fill_columns(layer.rows, outer, solid)
-        anchor_columns(solid, feature.half_widths, *feature.block, anchor, scratch[0])
-        open_columns(anchor, feature.half_widths, opened, scratch[0])
-        skeleton_columns(solid, anchor, feature, "metric", skeleton, scratch, self.room)
-        find_paths(solid, skeleton, anchor, opened, feature.half_widths, *feature.block, True, paths)
+        images = self.room.columns(outer, IMAGES_OF_LAYER)
+        fill_columns(layer.rows, outer, images[SOLID])
+        printed_and_paths(images, tool_of(feature, "metric"), self.room)
         limit_mm = max(2 * r * p for r, p in zip(feature.radius_px, self.pixel_mm, strict=True))
-        return float(narrowest(solid, paths, limit_mm, *self.pixel_mm))
+        return float(narrowest(images[SOLID], images[PATHS], limit_mm, *self.pixel_mm))
 
 
 def _offsets(limit_mm: float, pixel_mm: tuple[float, float]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -329,14 +329,16 @@ class Sheets:
     ) -> NDArray[np.int64]:
         """Those of some facets, sorted."""
         width, height = self.size_px
-        seen = self.room.empty_images(words_for(width), (height, 2))
+        words = words_for(width)
+        zeros = self.room.zeros(words * height * 2)
+        seen = zeros[: words * height * 2].reshape(words, height, 2)
         runs = getattr(self._runs, "kept", None)
         keys: NDArray[np.int64]
         keys, self._runs.kept = crossings(
             self.points, self.faces, mine, intervals, which, scale, within, always, alike, width, seen,
             np.empty((4096, 4), np.int32) if runs is None else runs,
         )  # fmt: skip
-        self.room.emptied(seen)
+        self.room.emptied(zeros)
         if len(keys) > 1:
             keys.sort()
         return keys

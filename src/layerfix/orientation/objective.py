@@ -18,11 +18,12 @@ import numpy as np
 from layerfix.errors import InputError
 from layerfix.layers.correction import correct
 from layerfix.layers.feature import feature_of_mm
+from layerfix.layers.print_paths import Tool, tool_of
 from layerfix.mesh.closing import edges_balance, keys_balance, orient
 from layerfix.mesh.doubles import any_doubles, without_doubles
 from layerfix.mesh.slicing import FILLS, pixels_and_planes, slice_mesh
 from layerfix.mesh.triangles import Mesh
-from layerfix.orientation.counting import Tool, count_layers, snap, stand, tool_of
+from layerfix.orientation.counting import count_layers, snap, stand
 from layerfix.orientation.directions import AS_GIVEN, Pose
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ class Objective:
                            margin_mm=printing.min_feature_mm, fill=printing.fill, z_sampling="middle")  # fmt: skip
         correct(stack, min_feature_mm=printing.min_feature_mm, mode=printing.mode, spurs=printing.spurs)
         feature = feature_of_mm(printing.min_feature_mm, printing.pixel_mm)
-        object.__setattr__(self, "_tool", tool_of(feature, printing.spurs, printing.mode == "add_only"))
+        object.__setattr__(self, "_tool", tool_of(feature, printing.spurs))
         mesh, sound = welded(mesh)
         object.__setattr__(self, "mesh", mesh)
         object.__setattr__(self, "_sound", sound)
@@ -257,8 +258,8 @@ class Objective:
         return Cut(points, faces, planes, (width, height), z_mm)
 
     def _kernel(self, cut: Cut) -> Callable[[NDArray[np.int64]], NDArray[np.int64]]:
-        rule, tool = FILLS[self.printing.fill], self._tool
-        return lambda chosen: count_layers(cut.points, cut.faces, cut.planes[chosen], cut.size_px, rule, tool)
+        how = FILLS[self.printing.fill], self._tool, self.printing.mode == "add_only"
+        return lambda chosen: count_layers(cut.points, cut.faces, cut.planes[chosen], cut.size_px, *how)
 
     def _one_by_one(self, pose: Pose) -> tuple[NDArray[np.float64], Callable[[NDArray[np.int64]], NDArray[np.int64]]]:
         """(bounds of the layers; what counts chosen ones) by way of the public functions."""

@@ -7,6 +7,7 @@ from numba import types
 
 from layerfix.bits import U0, U1, U63, WORK
 from layerfix.kernels import njit
+from layerfix.layers.metric.levels import NUMBERS, TABLE
 from layerfix.layers.metric.tiles import (
     IMAGES,
     IMAGES_FLAGS,
@@ -22,8 +23,6 @@ from layerfix.layers.metric.tiles import (
 )
 from layerfix.layers.morphology import HALF_WIDTHS
 
-TABLE = types.Array(types.int64, 2, "C", readonly=True)
-NUMBERS = types.Array(types.int64, 1, "C", readonly=True)
 AT_ONCE = 4  # tiles
 
 

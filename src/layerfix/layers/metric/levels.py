@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numba import types
 
 from layerfix.layers.metric.tiles import CROSS, DISC3, HORIZONTAL, SQUARE, VERTICAL
 from layerfix.layers.morphology import disc_half_widths
@@ -24,6 +25,14 @@ SLOPE = 2.4  # of the cones: a corner keeps its tip if its full angle is below 2
 SLACK_ANCHOR_PX = 1.0  # what pixels allow for when an anchored pixel explains another
 SLACK_PX = 0.5  # the same for any other pixel, which must be
 DEEPER_PX = 1.3  # this much deeper
+STRIP = 8  # columns for each that a strip needs on either side, of which there are two at least
+TABLE = types.Array(types.int64, 2, "C", readonly=True)
+NUMBERS = types.Array(types.int64, 1, "C", readonly=True)
+LENGTHS = types.Array(types.float64, 1, "C", readonly=True)
+PLAN = types.Tuple((
+    TABLE, NUMBERS, NUMBERS, TABLE, NUMBERS, TABLE, LENGTHS, NUMBERS, types.UniTuple(types.float64, 2), types.float64,
+    types.float64, types.int64, types.int64, types.boolean,
+))  # fmt: skip
 STEPS = 16  # of a cone's growth, after which its elements come again
 SPREAD = (0.3, 0.42)  # px; how far depths lie above a level's radius at least, and between two levels on average
 
@@ -58,9 +67,23 @@ class Plan:
         return math.ceil(self.radius) + 2 + int(self.schedule[:, 1].max() + self.schedule[:, 2].sum())
 
     @property
+    def halo(self) -> int:
+        """The same in columns of words."""
+        return -(-self.margin_px // 64)
+
+    @property
     def round(self) -> bool:
         """Whether pixels are square."""
         return self.scale == (1.0, 1.0)
+
+    @cached_property
+    def numbers(self) -> tuple[Any, ...]:
+        """The plan as kernels take it (PLAN), with the margin, the columns of a strip, and whether pixels are square."""
+        return (
+            self.levels, self.half_widths, self.starts, self.schedule, self.elements, self.offsets, self.lengths,
+            self.outside, self.scale, self.pixel, self.radius, self.margin_px, STRIP * max(self.halo, 2),
+            self.round,
+        )  # fmt: skip
 
 
 @lru_cache(maxsize=32)

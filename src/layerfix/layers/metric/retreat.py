@@ -15,7 +15,7 @@ from numba import types
 
 from layerfix.bits import U0, U1, U63, WORK, lowest_bit
 from layerfix.kernels import njit
-from layerfix.layers.metric.cones import NUMBERS, TABLE
+from layerfix.layers.metric.levels import LENGTHS, NUMBERS, TABLE
 from layerfix.layers.metric.tiles import IMAGES
 
 INSIDE_PX, OFF_AXIS_PX = (
@@ -25,7 +25,6 @@ INSIDE_PX, OFF_AXIS_PX = (
 TIE_PX = 0.1  # favours walking on where two stops are about equally good
 EVERY_PX = 4.0  # an end takes on the ball of a significant pixel this often
 TURN_PX = 2.0  # how much demand a turn lets all ends grow to
-LENGTHS = types.Array(types.float64, 1, "C", readonly=True)
 SPOTS = types.Array(types.int64, 2, "C")
 
 # Offsets of the neighbours x1 … x8: east, then counter-clockwise; y grows downwards.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numba import types
 
@@ -11,9 +9,9 @@ from layerfix.bits import U0, WORK
 from layerfix.kernels import njit
 from layerfix.layers.columns import BLOCK
 from layerfix.layers.metric.cones import disc_erosions, erosions, significant, tips
-from layerfix.layers.metric.levels import plan_for
+from layerfix.layers.metric.levels import PLAN
 from layerfix.layers.metric.retreat import retreat
-from layerfix.layers.metric.tiles import clear_live, near_free, tiles_of
+from layerfix.layers.metric.tiles import IMAGES, clear_live, near_free, tiles_of
 from layerfix.layers.thinning import (
     FIRST,
     SECOND,
@@ -24,16 +22,7 @@ from layerfix.layers.thinning import (
     sub_iteration,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from layerfix.layers.columns import Room
-    from layerfix.layers.feature import Feature
-    from layerfix.layers.metric.levels import Plan
-
-STRIP = 8  # columns for each that a strip needs on either side, of which there are two at least
+ZEROS = types.Array(types.uint64, 1, "C")
 
 
 @njit(types.void(WORK, WORK, WORK, types.boolean, WORK), cache=True, nogil=True)
@@ -64,74 +53,70 @@ def thin_protected(columns, anchor, protected, everywhere, scratch):  # type: ig
         again = remove_spurs(columns, protected, changed, active, gone, scratch) or again
 
 
-@njit(types.boolean(WORK, WORK, WORK), cache=True, nogil=True)
+@njit
 def _either(a, b, out):  # type: ignore[no-untyped-def]
-    """out = a ∪ b; True if b has anything."""
-    seen = U0
+    """out = a ∪ b."""
     for w in range(a.shape[0]):
         left, right, line = a[w], b[w], out[w]
         for i in range(left.shape[0]):
             line[i] = left[i] | right[i]
-            seen |= right[i]
-    return seen != U0
 
 
-def _significant(
-    solid: NDArray[np.uint64],
-    anchor: NDArray[np.uint64],
-    plan: Plan,
-    room: Room,
-    spare: NDArray[np.uint64],
-    out: NDArray[np.uint64],
-) -> None:
+@njit(types.int64(PLAN, types.int64, types.int64), cache=True, nogil=True)
+def zeros_needed(plan, words, height):  # type: ignore[no-untyped-def]
+    """How many words the images of a strip take, in a layer of so many columns and rows."""
+    halo, strip = (plan[11] + 63) // 64, plan[12]
+    return (plan[0].shape[0] + 4) * min(strip + 2 * halo + 2, words) * height
+
+
+@njit(types.void(WORK, WORK, PLAN, ZEROS, WORK, WORK), cache=True, nogil=True)
+def significant_pixels(solid, anchor, plan, zeros, spare, out):  # type: ignore[no-untyped-def]
     """out = the pixels of S \\ A outside every cone, a strip of columns at a time, near S \\ A only.
 
     What is significant depends on pixels nearer than `Plan.margin_px`. The images of a strip stay in the processor's
     cache; those of a whole 12K layer took 60 MB.
     """
+    levels, half_widths, starts, schedule, elements = plan[0], plan[1], plan[2], plan[3], plan[4]
+    margin, strip, square = plan[11], plan[12], plan[13]
     words, height = solid.shape
-    halo = -(-plan.margin_px // 64)
-    strip, levels = STRIP * max(halo, 2), len(plan.levels)
-    out[0] = out[-1] = 0
+    halo, count = (margin + 63) // 64, levels.shape[0]
+    for w in (0, words - 1):
+        for y in range(height):
+            out[w, y] = U0
     for first in range(1, words - 1, strip):
         stop = min(first + strip, words - 1)
         begin, end = max(first - halo - 1, 0), min(stop + halo + 1, words)
-        images = room.empty_images(levels + 4, (end - begin, height))
-        live = np.zeros((levels + 4, end - begin, tiles_of(height)), np.uint8)
-        depths, near_anchor, found = images[:levels], images[-1], spare[begin:end]
-        near_free(solid[begin:end], anchor[begin:end], plan.margin_px, depths[0], live[0], near_anchor, live[-1])
-        if plan.round:
-            top = erosions(depths[0], plan.levels, depths, live[:levels])
+        images = zeros[: (count + 4) * (end - begin) * height].reshape(count + 4, end - begin, height)
+        live = np.zeros((count + 4, end - begin, tiles_of(height)), np.uint8)
+        depths, near_anchor, found = images[:count], images[count + 3], spare[begin:end]
+        near_free(solid[begin:end], anchor[begin:end], margin, depths[0], live[0], near_anchor, live[count + 3])
+        if square:
+            top = erosions(depths[0], levels, depths, live[:count])
         else:
-            top = disc_erosions(depths[0], plan.half_widths, plan.starts, depths, live[:levels])
-        significant(depths[0], near_anchor, plan.schedule, plan.elements, depths, live[:levels], top,
-                    images[levels:-1], live[levels:-1], found)  # fmt: skip
-        out[first:stop] = found[first - begin : stop - begin]
+            top = disc_erosions(depths[0], half_widths, starts, depths, live[:count])
+        significant(depths[0], near_anchor, schedule, elements, depths, live[:count], top, images[count : count + 3],
+                    live[count : count + 3], found)  # fmt: skip
+        for w in range(first, stop):
+            for y in range(height):
+                out[w, y] = found[w - begin, y]
         clear_live(images, live)
-        room.emptied(images)
 
 
-def thin_metric(
-    columns: NDArray[np.uint64],
-    solid: NDArray[np.uint64],
-    anchor: NDArray[np.uint64],
-    feature: Feature,
-    scratch: Sequence[NDArray[np.uint64]],
-    room: Room,
-) -> None:
+@njit(types.void(WORK, WORK, WORK, IMAGES, PLAN, ZEROS), cache=True, nogil=True)
+def thin_metric(columns, solid, anchor, scratch, plan, zeros):  # type: ignore[no-untyped-def]
     """Thin `columns` in place around `anchor` to the meso-skeleton whose ends are measured.
 
     columns, anchor  (words, height) with an empty border, `layerfix.layers.columns`
     solid            what `columns` is before
     scratch          four more of them, with anything in them
-    room             its `empty_images` are used
+    plan             `Plan.numbers`
+    zeros            `zeros_needed` words, all 0, and all 0 again afterwards
     """
-    plan = plan_for(*feature.radius_px)
-    marked, kept, fixed, spare = scratch
-    _significant(solid, anchor, plan, room, spare, marked)
+    marked, kept, fixed, spare = scratch[0], scratch[1], scratch[2], scratch[3]
+    significant_pixels(solid, anchor, plan, zeros, spare, marked)
     _either(anchor, marked, kept)
     thin_protected(columns, kept, kept, True, spare)
     tips(columns, marked, anchor, fixed)
     thin_protected(columns, fixed, kept, False, spare)
-    retreat(columns, anchor, marked, solid[None], 1, plan.offsets, plan.lengths, plan.outside,
-            plan.radius, plan.scale, plan.pixel)  # fmt: skip
+    depths = solid.reshape(1, solid.shape[0], solid.shape[1])
+    retreat(columns, anchor, marked, depths, 1, plan[5], plan[6], plan[7], plan[10], plan[8], plan[9])

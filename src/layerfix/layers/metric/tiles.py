@@ -21,7 +21,8 @@ Q0, Q1 = np.uint8(0), np.uint8(1)
 U2, U3, U61, U62 = np.uint64(2), np.uint64(3), np.uint64(61), np.uint64(62)
 
 
-def tiles_of(height: int) -> int:
+@njit
+def tiles_of(height):  # type: ignore[no-untyped-def]
     """Tiles in a column of so many rows, two of which are border."""
     return (height - 2 + TILE - 1) // TILE
 
