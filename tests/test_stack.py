@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import FrozenInstanceError, replace
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -246,6 +247,38 @@ def test_the_stack_has_z_values_of_its_own():
 # Threads
 
 
+@pytest.fixture
+def one_at_a_time(monkeypatch):
+    """Threads take single layers, as they do of large or slow ones."""
+    monkeypatch.setattr("layerfix.stack.MOST_AT_ONCE", 1)
+
+
+@pytest.mark.parametrize("workers", [2, 3])
+def test_quick_small_layers_are_taken_in_a_row(workers):
+    """Up to eight of them, in order all the same; an error comes in its turn, and what follows it is not made."""
+    made: list[tuple[int, int]] = []
+
+    def make(index: int) -> Layer:
+        made.append((threading.get_ident(), index))
+        if index == 300:
+            raise BrokenLayerError("layer 300 cannot be read")
+        return numbered(index)
+
+    read, ahead = [], []
+    layers = iter(stack_by(make, 1000, workers))
+    for layer in islice(layers, 300):
+        read.append(layer.z_mm[0])
+        ahead.append(len(made) - len(read))
+    with pytest.raises(BrokenLayerError, match="layer 300"):
+        next(layers)
+    assert read == list(range(300))
+    by_thread = [[index for thread, index in made if thread == one] for one in {thread for thread, _ in made}]
+    in_a_row = sum(b == a + 1 for indices in by_thread for a, b in pairwise(indices))
+    assert in_a_row > 150  # one at a time, threads would meet by chance only
+    assert max(ahead) <= 2 * workers * 8 + 8
+    assert layer_threads() == []
+
+
 @pytest.mark.parametrize("workers", [1, 2, 3, 8])
 def test_layers_come_in_order_however_long_each_takes(workers):
     """Slow layers among quick ones, and more threads than cores."""
@@ -258,6 +291,7 @@ def test_layers_come_in_order_however_long_each_takes(workers):
     assert [layer.z_mm[0] for layer in stack_by(make, 40, workers)] == list(range(40))
 
 
+@pytest.mark.usefixtures("one_at_a_time")
 @pytest.mark.parametrize("workers", [1, 2, 4])
 def test_few_layers_are_made_ahead_of_a_slow_reader(workers):
     """At most two a worker, so memory does not depend on the number of layers."""
@@ -276,6 +310,7 @@ def test_few_layers_are_made_ahead_of_a_slow_reader(workers):
     assert sorted(made) == list(range(60))
 
 
+@pytest.mark.usefixtures("one_at_a_time")
 def test_a_made_layer_is_let_go_once_it_was_read():
     """The stack keeps no layer that the reader has had: what is alive is bounded by the look-ahead."""
     import weakref
@@ -309,6 +344,7 @@ def test_nothing_is_made_before_the_first_layer_is_asked_for():
     iterator.close()
 
 
+@pytest.mark.usefixtures("one_at_a_time")
 @pytest.mark.parametrize("workers", [2, 3])
 def test_so_many_threads_make_layers_at_the_same_time(workers):
     """`workers` layers are in the making at once, never more."""
@@ -357,6 +393,7 @@ def test_the_number_of_workers_holds_where_the_system_does_not_tell_its_cores(mo
         assert len(list(stack_by(make, 5, 0))) == 5
 
 
+@pytest.mark.usefixtures("one_at_a_time")
 @pytest.mark.parametrize("workers", [1, 2, 8])
 def test_an_error_in_a_worker_reaches_the_reader_at_its_layer(workers):
     """The layers before it come first; then its own exception; then no thread is left, and little was made."""

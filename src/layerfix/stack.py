@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 NOTEBOOK_PX = 1024
 LARGEST_ARRAY = 4 << 30  # bytes of one array of all layers
+TURN_S = 3e-3  # what a thread takes in a row takes about so long
+MOST_AT_ONCE, AT_ONCE_BYTES = 8, 1 << 20  # and is at most so much
 
 
 @dataclass(frozen=True)
@@ -278,7 +281,8 @@ class LayerStack(Sequence[Layer]):
 
     def each(self, use: Callable[[Layer], Result], *, once: bool = False) -> Generator[Result]:
         """Yield `use` of every layer in order. Layers are made and used in threads, and at most two per
-        worker are ahead of the reader, so memory depends on the layer's size, not on their number.
+        worker are ahead of the reader (of small ones two megabytes), so memory depends on the layer's size, not on
+        their number.
 
         once  for a `use` that looks at pixels only: layers that repeat the one below yield its result again
         """
@@ -292,7 +296,7 @@ class LayerStack(Sequence[Layer]):
                     result = use(make(i))
                 yield result
             return
-        yield from _in_threads(lambda i: use(make(i)), first_alike, workers)
+        yield from _in_threads(lambda i: use(make(i)), first_alike, workers, self._at_once())
 
     def each_with_neighbours(
         self, use: Callable[[int, Sequence[Layer], Layer, Sequence[Layer]], Result], *, below: int, above: int
@@ -309,7 +313,11 @@ class LayerStack(Sequence[Layer]):
             around = [made(k) for k in range(first, stop)]
             return use(i, around[: i - first], around[i - first], around[i - first + 1 :])
 
-        yield from _in_threads(work, list(range(len(self))), workers)
+        yield from _in_threads(work, list(range(len(self))), workers, 1)
+
+    def _at_once(self) -> int:
+        """How many layers in a row a thread may take: of small ones some."""
+        return max(1, min(MOST_AT_ONCE, AT_ONCE_BYTES // (8 * self.height * words_for(self.width))))
 
     def volume_mm3(self) -> float:
         """Volume of all layers, each as high as it is; of several exposures at one height the first counts."""
@@ -354,50 +362,64 @@ class Remembered(Generic[Result]):
         return result
 
 
-def _in_threads(work: Callable[[int], Result], order: list[int], workers: int) -> Generator[Result]:
+def _in_threads(work: Callable[[int], Result], order: list[int], workers: int, most: int) -> Generator[Result]:
     """Yield work(order[0]), work(order[1]) … as so many threads make them; equal neighbours are made once.
 
-    What `work` raises comes in its turn, as with one worker: after the results of all that is below it.
+    A thread takes one at a time or, if they turn out to take less than TURN_S, up to `most` in a row: handing over
+    costs as much as a tenth of a small layer. What `work` raises comes in its turn, as with one worker: after the
+    results of all that is below it.
 
     No executor and no futures: their locks are Python's own, and a Ctrl-C that arrives just after the main thread
     has taken one leaves it taken, for ever (seen once in some hundred interrupted runs). SimpleQueue is C.
     """
-    todo: SimpleQueue[int | None] = SimpleQueue()
-    done: SimpleQueue[tuple[int, Any, BaseException | None]] = SimpleQueue()
+    todo: SimpleQueue[list[int]] = SimpleQueue()
+    done: SimpleQueue[tuple[list[tuple[int, Any, BaseException | None]], float]] = SimpleQueue()
+    over: list[bool] = []
 
     def labour() -> None:
-        while (i := todo.get()) is not None:
-            try:
-                done.put((i, work(i), None))
-            except BaseException as problem:
-                done.put((i, None, problem))
+        while chosen := todo.get():
+            made: list[tuple[int, Any, BaseException | None]] = []
+            begun = time.perf_counter()
+            for i in chosen:
+                if over:
+                    break
+                try:
+                    made.append((i, work(i), None))
+                except BaseException as problem:
+                    made.append((i, None, problem))
+                    break
+            done.put((made, time.perf_counter() - begun))
+            del made  # or its results would outlive the reader's interest by a turn
 
     threads = [Thread(target=labour, name=f"layers-{n}", daemon=True) for n in range(workers)]
     ready: dict[int, tuple[Any, BaseException | None]] = {}
-    asked = 0
+    asked, at_once = 0, 1
     try:
         for thread in threads:
             thread.start()
         for index, wanted in enumerate(order):
-            while asked < min(index + 1 + 2 * workers, len(order)):
-                if order[asked] == asked:
-                    todo.put(asked)
-                asked += 1
+            while asked < min(index + 1 + 2 * workers * at_once, len(order)):
+                stop = min(asked + at_once, len(order))
+                if chosen := [k for k in range(asked, stop) if order[k] == k]:
+                    todo.put(chosen)
+                asked = stop
             while wanted not in ready:
-                i, result, problem = done.get()
-                ready[i] = result, problem
-                del result  # or it would outlive the reader's interest by a turn
+                made, seconds = done.get()
+                ready.update((i, (result, problem)) for i, result, problem in made)
+                at_once = max(1, min(most, int(TURN_S * len(made) / max(seconds, 1e-9))))
+                del made
             if (wrong := ready[wanted][1]) is not None:
                 raise wrong
             yield ready[wanted][0]
             if index + 1 == len(order) or order[index + 1] != wanted:
                 del ready[wanted]
     finally:
+        over.append(True)
         with suppress(Empty):
             while True:
                 todo.get_nowait()
         for _ in threads:
-            todo.put(None)
+            todo.put([])
         for thread in threads:
             if thread.ident is not None:  # it was started
                 thread.join()

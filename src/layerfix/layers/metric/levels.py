@@ -78,7 +78,7 @@ class Plan:
 
     @cached_property
     def numbers(self) -> tuple[Any, ...]:
-        """The plan as kernels take it (PLAN), with the margin, the columns of a strip, and whether pixels are square."""
+        """The plan as kernels take it (PLAN), with the margin, a strip's columns, and whether pixels are square."""
         return (
             self.levels, self.half_widths, self.starts, self.schedule, self.elements, self.offsets, self.lengths,
             self.outside, self.scale, self.pixel, self.radius, self.margin_px, STRIP * max(self.halo, 2),

@@ -1,0 +1,81 @@
+"""What F prints of a layer, and which paths it has to draw besides: the method in one kernel, but for the drawing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from numba import types
+
+from layerfix.bits import U0
+from layerfix.kernels import njit
+from layerfix.layers.drawing import anchor_columns, find_paths, open_columns
+from layerfix.layers.metric.levels import PLAN
+from layerfix.layers.metric.rule import ZEROS, zeros_needed
+from layerfix.layers.metric.tiles import IMAGES
+from layerfix.layers.morphology import HALF_WIDTHS
+from layerfix.layers.skeleton import skeleton_columns, spur_numbers
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from layerfix.layers.columns import Room
+    from layerfix.layers.feature import Feature
+    from layerfix.layers.skeleton import Spurs
+
+SOLID, ANCHOR, SKELETON, PRINTED, PATHS = range(5)  # of the images of a layer, as columns of one box
+IMAGES_OF_LAYER = 9  # those, and four to work in
+TOOL = types.Tuple((HALF_WIDTHS, types.int64, types.int64, types.boolean, types.boolean, types.float64))
+
+
+class Tool(NamedTuple):
+    """F and the spur rule, as kernels take them (TOOL and PLAN)."""
+
+    values: tuple[Any, ...]
+    plan: tuple[Any, ...]
+
+
+def tool_of(feature: Feature, spurs: Spurs) -> Tool:
+    """What `find_printed` works with."""
+    metric, rounds, plan = spur_numbers(feature, spurs)
+    return Tool((feature.half_widths, *feature.block, feature.by_size, metric, rounds), plan)
+
+
+@njit
+def _any_lost(solid, printed):  # type: ignore[no-untyped-def]
+    lost = U0
+    for w in range(solid.shape[0]):
+        here, there = solid[w], printed[w]
+        for y in range(here.shape[0]):
+            lost |= here[y] & ~there[y]
+    return lost != U0
+
+
+@njit(types.boolean(IMAGES, TOOL, PLAN, ZEROS, types.boolean), cache=True, nogil=True)
+def find_printed(images, tool, plan, zeros, whole):  # type: ignore[no-untyped-def]
+    """Of the first image, S: PRINTED = S ∘ F, and PATHS to draw besides; True if there are any.
+
+    images  IMAGES_OF_LAYER of them
+    zeros   `zeros_needed` words, all 0, and all 0 again afterwards
+    whole   SKELETON is wanted, too: otherwise it is not made where S ∘ F misses nothing and F is by size
+    """
+    half_widths, bx, by, by_size, metric, rounds = tool
+    solid, anchor, skeleton, printed, paths = images[0], images[1], images[2], images[3], images[4]
+    scratch = images[5:]
+    anchor_columns(solid, half_widths, bx, by, anchor, scratch[0])
+    open_columns(anchor, half_widths, printed, scratch[0])
+    if by_size and not whole and not _any_lost(solid, printed):
+        for w in range(paths.shape[0]):
+            for y in range(paths.shape[1]):
+                paths[w, y] = U0
+        return False
+    skeleton_columns(solid, anchor, metric, rounds, plan, skeleton, scratch, zeros)
+    return find_paths(solid, skeleton, anchor, printed, half_widths, bx, by, by_size, paths)
+
+
+def printed_and_paths(images: NDArray[np.uint64], tool: Tool, room: Room, *, whole: bool = False) -> bool:
+    """`find_printed` with the working memory of a thread."""
+    zeros = room.zeros(zeros_needed(tool.plan, *images.shape[1:]))
+    found = bool(find_printed(images, tool.values, tool.plan, zeros, whole))
+    room.emptied(zeros)
+    return found
