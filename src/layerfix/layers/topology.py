@@ -12,7 +12,18 @@ from layerfix.bits import WORK, pack
 from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import bounding_box, to_columns, with_border
-from layerfix.layers.components import AREA, BOTTOM, LEFT, RIGHT, RUNS, TOP, joined_runs, measured_parts, row_edges
+from layerfix.layers.components import (
+    AREA,
+    BOTTOM,
+    LEFT,
+    RIGHT,
+    RUNS,
+    TOP,
+    joined_runs,
+    measured_parts,
+    root_of,
+    row_edges,
+)
 from layerfix.stack import Layer, LayerStack
 
 if TYPE_CHECKING:
@@ -20,10 +31,10 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
 
-    Numbers = NDArray[np.int64]
-
 Kind = Literal["merged", "split", "lost", "new", "closed", "enclosed", "opened"]
 
+# Several became one, one several, one is gone, one is new: of components, then of voids.
+KINDS: tuple[Kind, ...] = ("merged", "split", "lost", "new", "opened", "enclosed", "closed", "opened")
 OUTSIDE_PX = 1 << 40  # the void around the part, whose first run is the border's, is the largest
 
 
@@ -70,43 +81,102 @@ def _shared(runs, number, other_runs, other_number, parts):  # type: ignore[no-u
 
 
 @njit
-def _one_to_one(pairs, parts, others):  # type: ignore[no-untyped-def]
-    """Whether each component shares pixels with exactly one of the others."""
-    partner, other_partner = np.full(parts, -1, np.int64), np.full(others, -1, np.int64)
-    met = 0
+def _joined(parts, others, pairs):  # type: ignore[no-untyped-def]
+    """Of each component, before and then after, the least number of those it hangs together with by shared pixels."""
+    count = parts.shape[0]
+    parent = np.arange(count + others.shape[0])
     for k in range(pairs.shape[0]):
-        a, b = pairs[k]
-        if partner[a] == b and other_partner[b] == a:
-            continue
-        if partner[a] >= 0 or other_partner[b] >= 0:
-            return False
-        partner[a], other_partner[b] = b, a
-        met += 1
-    return met == parts and met == others
+        a, b = root_of(parent, pairs[k, 0]), root_of(parent, count + pairs[k, 1])
+        if a != b:
+            parent[max(a, b)] = min(a, b)
+    for k in range(parent.shape[0]):
+        parent[k] = root_of(parent, k)
+    return parent
 
 
-@njit(types.UniTuple(RUNS, 6)(WORK, WORK), cache=True, nogil=True)
-def _overlaps(before, after):  # type: ignore[no-untyped-def]
-    """(components of `before`, of `after`: area and box; (n, 2): which of them share a pixel, some several times),
-    and the same of the void; of either nothing if each shares pixels with exactly one."""
+@njit
+def _tell(table, n, kind, number, area, box):  # type: ignore[no-untyped-def]
+    """The table with one row more as its n-th."""
+    if n == table.shape[0]:
+        longer = np.empty((2 * n, 7), np.int64)
+        longer[:n] = table
+        table = longer
+    table[n, 0], table[n, 1], table[n, 2] = kind, number, area
+    for k in range(4):
+        table[n, 3 + k] = box[LEFT + k]
+    return table
+
+
+@njit
+def _with_box(box, part):  # type: ignore[no-untyped-def]
+    """Make a box hold a component's, too."""
+    box[LEFT], box[TOP] = min(box[LEFT], part[LEFT]), min(box[TOP], part[TOP])
+    box[RIGHT], box[BOTTOM] = max(box[RIGHT], part[RIGHT]), max(box[BOTTOM], part[BOTTOM])
+
+
+@njit
+def _add_changes(parts, others, pairs, kind, table, n):  # type: ignore[no-untyped-def]
+    """What became of some components, appended to a table of n rows: first where several became one and one several,
+    then those that have no counterpart. Returns the table and its number of rows."""
+    joined = _joined(parts, others, pairs)
+    sizes, largest = np.zeros((joined.shape[0], 2), np.int64), np.full((joined.shape[0], 2), -1, np.int64)
+    for k in range(joined.shape[0]):
+        after = np.int64(k >= parts.shape[0])
+        area = others[k - parts.shape[0], AREA] if after else parts[k, AREA]
+        root = joined[k]
+        sizes[root, after] += 1
+        most = largest[root, after]
+        if most < 0 or area > (others[most - parts.shape[0], AREA] if after else parts[most, AREA]):
+            largest[root, after] = k
+    following, latest = np.full(joined.shape[0], -1, np.int64), np.empty(joined.shape[0], np.int64)
+    for k in range(joined.shape[0]):  # a chain from each root through all that hang together with it
+        if joined[k] != k:
+            following[latest[joined[k]]] = k
+        latest[joined[k]] = k
+    box = np.empty(5, np.int64)
+    for root in range(joined.shape[0]):
+        for after in range(2):
+            if joined[root] != root or sizes[root, after] < 2:
+                continue
+            box[LEFT] = box[TOP] = np.int64(1) << 62
+            box[RIGHT] = box[BOTTOM] = -1
+            area, k = 0, root
+            while k >= 0:
+                if (k >= parts.shape[0]) == (after == 1):
+                    part = others[k - parts.shape[0]] if after else parts[k]
+                    if k != largest[root, after]:
+                        area += part[AREA]
+                    if not after or k != largest[root, after]:  # the largest of what was split is what it was
+                        _with_box(box, part)
+                k = following[k]
+            table = _tell(table, n, kind + after, sizes[root, after], area, box)
+            n += 1
+    for k in range(joined.shape[0]):
+        after = np.int64(k >= parts.shape[0])
+        if sizes[joined[k], 0] + sizes[joined[k], 1] == 1:
+            part = others[k - parts.shape[0]] if after else parts[k]
+            table = _tell(table, n, kind + 2 + after, 1, part[AREA], part)
+            n += 1
+    return table, n
+
+
+@njit(RUNS(WORK, WORK), cache=True, nogil=True)
+def _changes(before, after):  # type: ignore[no-untyped-def]
+    """(n, 7): what became of components and of voids: which of KINDS, count, area, left, top, right, bottom."""
     width = 64 * before.shape[0]
     starts, edges = row_edges(before)
     other_starts, other_edges = row_edges(after)
-    nothing = np.empty((0, 5), np.int64)
-    found = (nothing, nothing, nothing)
-    for of_void in (True, False):
+    table, n = np.empty((8, 7), np.int64), 0
+    for of_void in (False, True):
         runs, parent, _ = joined_runs(starts, edges, width, of_void)
         number, parts = measured_parts(runs, parent)
         other_runs, other_parent, _ = joined_runs(other_starts, other_edges, width, of_void)
-        other_number, other_parts = measured_parts(other_runs, other_parent)
+        other_number, others = measured_parts(other_runs, other_parent)
         pairs = _shared(runs, number, other_runs, other_number, parts.shape[0])
-        if _one_to_one(pairs, parts.shape[0], other_parts.shape[0]):
-            parts, other_parts, pairs = nothing, nothing, nothing
         if of_void:
-            found = (parts, other_parts, pairs.copy())
-        else:
-            return parts, other_parts, pairs.copy(), found[0], found[1], found[2]
-    return nothing, nothing, nothing, nothing, nothing, nothing
+            parts[0, AREA] = others[0, AREA] = OUTSIDE_PX
+        table, n = _add_changes(parts, others, pairs, 4 if of_void else 0, table, n)
+    return table[:n].copy()
 
 
 def box_of(
@@ -134,63 +204,11 @@ def changes_of(
 
     corner_px  column and row of the stack's frame where the box begins
     """
-    found: list[TopologyChange] = []
-
-    def tell(kind: Kind, count: int, parts: NDArray[np.int64], area_px: int) -> None:
-        whole = np.array(
-            [0, parts[:, LEFT].min(), parts[:, TOP].min(), parts[:, RIGHT].max(), parts[:, BOTTOM].max()]
-        )
-        box_mm = box_of(whole, corner_px, pixel_mm, origin_mm)
-        found.append(TopologyChange(kind, count, box_mm, area_px * pixel_mm[0] * pixel_mm[1], z_mm))
-
-    names: tuple[tuple[Kind, Kind, Kind, Kind], ...] = (
-        ("merged", "split", "lost", "new"),
-        ("opened", "enclosed", "closed", "opened"),
-    )
-    overlaps = _overlaps(before, after)
-    for (many_one, one_many, gone, new), parts, others, pairs in zip(
-        names, overlaps[::3], overlaps[1::3], overlaps[2::3], strict=True
-    ):
-        if not len(pairs) and not len(parts) and not len(others):
-            continue
-        if gone == "closed":
-            parts[0, AREA] = others[0, AREA] = OUTSIDE_PX
-        lone, other_lone, groups = _groups(len(parts), len(others), pairs)
-        for mine, its in groups:
-            if len(mine) > 1:
-                area = parts[mine, AREA]
-                tell(many_one, len(mine), parts[mine], int(area.sum() - area.max()))
-            if len(its) > 1:
-                smaller = np.delete(its, int(others[its, AREA].argmax()))
-                tell(one_many, len(its), others[smaller], int(others[smaller, AREA].sum()))
-        for k in lone:
-            tell(gone, 1, parts[k : k + 1], int(parts[k, AREA]))
-        for k in other_lone:
-            tell(new, 1, others[k : k + 1], int(others[k, AREA]))
+    found = []
+    for kind, count, area, *box in _changes(before, after).tolist():
+        box_mm = box_of(np.array([0, *box]), corner_px, pixel_mm, origin_mm)
+        found.append(TopologyChange(KINDS[kind], count, box_mm, area * pixel_mm[0] * pixel_mm[1], z_mm))
     return tuple(sorted(found, key=lambda change: -change.area_mm2))
-
-
-def _groups(count: int, other_count: int, pairs: Numbers) -> tuple[Numbers, Numbers, list[tuple[Numbers, Numbers]]]:
-    """(components without a counterpart, before and after; those before and after that hang together by shared
-    pixels, where it is not one that stays one)."""
-    mine, its = np.divmod(np.unique(pairs[:, 0] * max(other_count, 1) + pairs[:, 1]), max(other_count, 1))
-    shares, other_shares = np.bincount(mine, minlength=count), np.bincount(its, minlength=other_count)
-    mixed = (shares[mine] > 1) | (other_shares[its] > 1)
-    parent: dict[int, int] = {}
-
-    def root(k: int) -> int:
-        while (above := parent.setdefault(k, k)) != k:
-            parent[k] = k = parent[above]
-        return k
-
-    for a, b in zip(mine[mixed].tolist(), its[mixed].tolist(), strict=True):
-        one, other = root(a), root(count + b)
-        parent[max(one, other)] = min(one, other)
-    members: dict[int, list[int]] = {}
-    for k in sorted(parent):
-        members.setdefault(root(k), []).append(k)
-    groups = [(group[group < count], group[group >= count] - count) for group in map(np.array, members.values())]
-    return np.flatnonzero(shares == 0), np.flatnonzero(other_shares == 0), groups
 
 
 def compare_topology(
