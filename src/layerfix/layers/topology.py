@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numba import types
 
 from layerfix.bits import WORK, pack
 from layerfix.errors import InputError
@@ -121,13 +120,13 @@ def _add_changes(parts, others, pairs, kind, table, n):  # type: ignore[no-untyp
     joined = _joined(parts, others, pairs)
     sizes, largest = np.zeros((joined.shape[0], 2), np.int64), np.full((joined.shape[0], 2), -1, np.int64)
     for k in range(joined.shape[0]):
-        after = np.int64(k >= parts.shape[0])
-        area = others[k - parts.shape[0], AREA] if after else parts[k, AREA]
+        side = np.int64(k >= parts.shape[0])
+        area = others[k - parts.shape[0], AREA] if side else parts[k, AREA]
         root = joined[k]
-        sizes[root, after] += 1
-        most = largest[root, after]
-        if most < 0 or area > (others[most - parts.shape[0], AREA] if after else parts[most, AREA]):
-            largest[root, after] = k
+        sizes[root, side] += 1
+        most = largest[root, side]
+        if most < 0 or area > (others[most - parts.shape[0], AREA] if side else parts[most, AREA]):
+            largest[root, side] = k
     following, latest = np.full(joined.shape[0], -1, np.int64), np.empty(joined.shape[0], np.int64)
     for k in range(joined.shape[0]):  # a chain from each root through all that hang together with it
         if joined[k] != k:
@@ -152,10 +151,10 @@ def _add_changes(parts, others, pairs, kind, table, n):  # type: ignore[no-untyp
             table = _tell(table, n, kind + after, sizes[root, after], area, box)
             n += 1
     for k in range(joined.shape[0]):
-        after = np.int64(k >= parts.shape[0])
+        side = np.int64(k >= parts.shape[0])
         if sizes[joined[k], 0] + sizes[joined[k], 1] == 1:
-            part = others[k - parts.shape[0]] if after else parts[k]
-            table = _tell(table, n, kind + 2 + after, 1, part[AREA], part)
+            part = others[k - parts.shape[0]] if side else parts[k]
+            table = _tell(table, n, kind + 2 + side, 1, part[AREA], part)
             n += 1
     return table, n
 

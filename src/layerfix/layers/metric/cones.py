@@ -23,8 +23,6 @@ from layerfix.layers.metric.tiles import (
 )
 from layerfix.layers.morphology import HALF_WIDTHS
 
-AT_ONCE = 4  # tiles
-
 
 @njit(types.int64(WORK, TABLE, IMAGES, IMAGES_FLAGS), cache=True, nogil=True)
 def erosions(solid, levels, depths, live):  # type: ignore[no-untyped-def]
@@ -69,19 +67,19 @@ def _narrowed(columns, w, first, stop, k, line):  # type: ignore[no-untyped-def]
 def disc_erosions(solid, half_widths, starts, depths, live):  # type: ignore[no-untyped-def]
     """The same by a disc for each level, where pixels are not square.
 
-    Some rows of a column at a time, for all levels: a disc is rows that are narrowed to either side.
+    A tile of a column at a time, for all levels: a disc is rows that are narrowed to either side.
     """
     height, top, reach = solid.shape[1], starts.shape[0] - 1, 0
     for k in range(top):
         reach = max(reach, starts[k + 1] - starts[k] - 1)
     breadth = half_widths.max()
     copy_live(solid, depths[0], live[0])
-    wide = np.empty((breadth + 1, AT_ONCE * TILE + 2 * reach), np.uint64)
+    wide = np.empty((breadth + 1, TILE + 2 * reach), np.uint64)
     deepest = 0
     for w in range(1, solid.shape[0] - 1):
         start, stop = next_live(live[0, w], 0)
         while start < stop:
-            end = min(stop, start + AT_ONCE)
+            end = start + 1
             first, last = tile_rows(start, height), tile_rows(end, height)
             rows = last - first + 2 * reach
             above, below = max(first - reach, 0), min(last + reach, height)

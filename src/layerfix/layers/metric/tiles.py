@@ -12,7 +12,7 @@ from numba import types
 from layerfix.bits import ALL, U0, U1, U63, WORK
 from layerfix.kernels import njit
 
-TILE = 64  # rows
+TILE = 256  # rows: less work in a smaller one is less than what each costs
 CROSS, SQUARE, HORIZONTAL, VERTICAL, DISC3 = 0, 1, 2, 3, 4  # 3 × 3 px, 3 × 1, 1 × 3, and the disc of radius 3
 FLAGS = types.Array(types.uint8, 2, "C")
 IMAGES = types.Array(types.uint64, 3, "C")
@@ -127,7 +127,7 @@ def near_free(solid, anchor, margin, near_solid, solid_live, near_anchor, anchor
     words, height = solid.shape
     tiles = solid_live.shape[1]
     wanted = np.zeros((words + 2, tiles + 2), np.uint8)
-    near = min(margin, TILE - 1)
+    near = min(margin, 63)
     for w in range(1, words - 1):
         for t in range(tiles):
             first, last = tile_rows(t, height), tile_rows(t + 1, height)
