@@ -16,7 +16,7 @@ from numba import types
 from layerfix.bits import ROWS, WORK, pack, popcount, unpack
 from layerfix.errors import InputError
 from layerfix.kernels import njit
-from layerfix.layers.columns import Room, fill_columns, to_rows
+from layerfix.layers.columns import Latest, Room, fill_columns, to_rows
 from layerfix.layers.components import smaller_than
 from layerfix.layers.drawing import box_with_reach, draw_paths, missing_places
 from layerfix.layers.feature import Feature, Radius, feature_of_mm, feature_of_size
@@ -258,8 +258,19 @@ class _Correction:
     grow: Grow
     keep_paths: bool = False  # each layer's change tells where F was drawn, greys or not
     room: Room = field(default_factory=Room)
+    latest: Latest[tuple[Feature, Layer]] = field(default_factory=Latest)
 
     def __call__(self, layer: Layer) -> Layer:
+        pixels_only = layer.specks is None and layer.source is None and self.keep_out is None
+        known = self.latest.of(layer) if pixels_only else None
+        if known is not None and known[0] is self._feature(layer):
+            return _at_height(known[1], layer)
+        done = self._corrected(layer)
+        if pixels_only:
+            self.latest.keep(layer, (self._feature(layer), done))
+        return done
+
+    def _corrected(self, layer: Layer) -> Layer:
         feature, pixel_mm = self._feature(layer), self.pixel_mm
         specks = smaller_than(layer.rows, self.ignore_px) if self.ignore_px > 0 else None
         if layer.specks is not None:
@@ -332,6 +343,16 @@ class _Correction:
         return self.features[int(np.abs(self.bottoms_mm - layer.z_mm[0]).argmin())]
 
 
+def _at_height(done: Layer, layer: Layer) -> Layer:
+    """A layer whose pixels are those of one that was corrected already."""
+    change = done.change
+    if change is not None:
+        topology = tuple(replace(one, z_mm=layer.z_mm) for one in change.topology)
+        conflicts = tuple(replace(one, z_mm=layer.z_mm) for one in change.conflicts)
+        change = replace(change, topology=topology, conflicts=conflicts)
+    return replace(layer, rows=done.rows, change=change)
+
+
 def corrected_like(stack: LayerStack, fixed: LayerStack) -> LayerStack:
     """Another slicing of the same part, corrected as `fixed` was: every layer by the feature at its height.
 
@@ -362,7 +383,7 @@ def corrected_like(stack: LayerStack, fixed: LayerStack) -> LayerStack:
     area = done.pixel_mm[0] * done.pixel_mm[1] / (stack.pixel_mm[0] * stack.pixel_mm[1])
     change = replace(
         done, features=features, bottoms_mm=stack.z_mm[:, 0], add_only=True, pixel_mm=stack.pixel_mm,
-        origin_mm=stack.origin_mm, ignore_px=done.ignore_px * area, keep_paths=True, room=Room(),
+        origin_mm=stack.origin_mm, ignore_px=done.ignore_px * area, keep_paths=True, room=Room(), latest=Latest(),
     )  # fmt: skip
     return stack.map(change)
 
@@ -387,7 +408,7 @@ def telling_paths(fixed: LayerStack) -> LayerStack:
 
     def telling(make: Any) -> Any:
         if isinstance(getattr(make, "change", None), _Correction):
-            return replace(make, change=replace(make.change, keep_paths=True, room=Room()))
+            return replace(make, change=replace(make.change, keep_paths=True, room=Room(), latest=Latest()))
         return replace(make, make=telling(make.make))
 
     return replace(fixed, make=telling(fixed.make))

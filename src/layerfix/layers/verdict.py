@@ -11,7 +11,7 @@ from numba import types
 
 from layerfix.bits import WORK, popcount
 from layerfix.kernels import njit
-from layerfix.layers.columns import Room, fill_columns
+from layerfix.layers.columns import Latest, Room, fill_columns
 from layerfix.layers.components import (
     AREA,
     RUNS,
@@ -116,12 +116,19 @@ class _Judge:
     pixel_mm: tuple[float, float]
     origin_mm: tuple[float, float]
     room: Room = field(default_factory=Room)
+    latest: Latest[LayerVerdict] = field(default_factory=Latest)
 
     def __call__(self, layer: Layer) -> tuple[Rows, LayerVerdict]:
+        known = self.latest.of(layer)
+        verdict = self._judged(layer) if known is None else _at_height(known, layer)
+        self.latest.keep(layer, verdict)
+        return layer.rows, verdict
+
+    def _judged(self, layer: Layer) -> LayerVerdict:
         feature, pixel_mm = self.feature, self.pixel_mm
         outer = box_with_reach(layer.rows, *feature.reach_px)
         if outer[1] == 0:
-            return layer.rows, LayerVerdict(layer.z_mm, 0)
+            return LayerVerdict(layer.z_mm, 0)
         gap_mm = min((width for _, width in self.narrow(layer.rows, True, each=False)), default=None)
         images = self.room.columns(outer, IMAGES_OF_LAYER + 1)
         solid, _, _, opened, paths, spare, dots = images[:7]
@@ -148,14 +155,14 @@ class _Judge:
             thinnest_gap_mm=gap_mm,
         )
         if not any_path:
-            return layer.rows, verdict
+            return verdict
         feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
         thinnest_mm = float(narrowest(solid, paths, feature_mm, *pixel_mm))
         np.bitwise_or(drawn, solid if self.add_only else opened, out=drawn)
         topology = changes_of(solid, drawn, corner_px, pixel_mm, self.origin_mm, layer.z_mm)
         solid[:] = drawn
         left = label_runs(paths, False)[2] if self._find(images) else 0
-        return layer.rows, replace(verdict, thinnest_mm=thinnest_mm, topology=topology, features_left=left)
+        return replace(verdict, thinnest_mm=thinnest_mm, topology=topology, features_left=left)
 
     def narrow(self, rows: Rows, of_void: bool, *, each: bool) -> list[tuple[NDArray[np.int64], float]]:
         """(box, width in mm) of the stretches of a layer, or of its void, that are narrower than F: of each, or of
@@ -198,6 +205,19 @@ class _Judge:
             )
             for row in table
         )
+
+
+def _at_height(known: LayerVerdict, layer: Layer) -> LayerVerdict:
+    """The verdict on a layer whose pixels are those of another."""
+    return replace(
+        known,
+        z_mm=layer.z_mm,
+        lost=tuple(replace(place, z_mm=layer.z_mm) for place in known.lost),
+        topology=tuple(replace(one, z_mm=layer.z_mm) for one in known.topology),
+        hairline_px=layer.hairline_px,
+        sheet_px=layer.sheet_px,
+        sheets_lost=layer.sheets_lost,
+    )
 
 
 def narrowest_place(
