@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from threading import local
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,14 +26,16 @@ from layerfix.layers.columns import Room
 from layerfix.layers.components import root_of
 from layerfix.layers.neighbours import bit_at
 from layerfix.mesh.crossings import KEYS, Z_BITS, crossings, longer
+from layerfix.mesh.facet_runs import SLAB, facet_runs, paired_runs, slabs_of
 from layerfix.mesh.fill import BITS, EVEN_ODD, ONE, SEGMENTS, below, row_crossings, sort, winding_is_inside
-from layerfix.mesh.near_facets import SLAB, TILE, paired, slabs_of
 from layerfix.stack import Remembered
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
+
+    Runs = tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int64]]  # runs, slopes, masks of intervals
 
 LEAST = 0.25  # of a layer: what is kept
 CRUMB = 4  # px
@@ -253,7 +254,6 @@ class Sheets:
     rule: int
     least: float = LEAST
     room: Room = field(default_factory=Room)
-    _runs: local = field(default_factory=local, init=False)
     _edges: NDArray[np.float64] = field(init=False)  # of the intervals between mid-planes, q below layer q
     _keys: Callable[[int], NDArray[np.int64]] = field(init=False)  # of an interval
     _facets: Callable[[int], NDArray[np.int32]] = field(init=False)  # of a slab
@@ -264,26 +264,26 @@ class Sheets:
         ends = min(z.min(), planes[0]) - 1.0, max(z.max(), planes[-1]) + 1.0
         edges = np.concatenate([ends[:1], planes, ends[1:]])
         width, height = self.size_px
-        across, along = -(-width // TILE), -(-height // TILE)
-        starts, chosen = slabs_of(self.points, self.faces, edges, across, along)
+        starts, chosen = slabs_of(self.points, self.faces, edges, width, height)
 
         alike = self.rule == EVEN_ODD  # facets that face the same way can bound a stretch, too
-        surface = self.points, self.faces
 
-        def facets(slab: int) -> tuple[NDArray[np.int32], NDArray[np.int64], int]:
-            mine = chosen[starts[slab] : starts[slab + 1]]
-            found, intervals = paired(*surface, mine, edges, slab * SLAB, width, height, alike)
-            return found, intervals, int(np.bitwise_or.reduce(intervals))
+        def paired(slab: int) -> tuple[Runs, int]:
+            q0 = slab * SLAB
+            ends = float(edges[q0]), float(edges[min(q0 + SLAB, len(edges) - 1)])
+            runs, slopes = facet_runs(self.points, self.faces, self._facets(slab), *ends, width, height)
+            found = paired_runs(runs, slopes, edges, q0, width, height, alike)
+            return found, int(np.bitwise_or.reduce(found[2]))
 
-        slabs = Remembered(facets, 4)
+        slabs = Remembered(paired, 4)
 
         def interval(q: int) -> NDArray[np.int64]:
-            mine, intervals, any_of = slabs(q // SLAB)
+            runs, any_of = slabs(q // SLAB)
             which = 1 << q % SLAB
             if not any_of & which:
                 return NONE
             between = float(edges[q]), float(edges[q + 1])
-            return self._crossings(mine, intervals, which, between, between, NOWHERE, alike)
+            return self._crossings(runs, which, between, between, NOWHERE, alike)
 
         object.__setattr__(self, "_keys", Remembered(interval, 16))
         object.__setattr__(self, "_edges", edges)
@@ -311,7 +311,9 @@ class Sheets:
         first, stop = np.searchsorted(self._edges, within).clip(1, last + 2).tolist()
         facets = [self._facets(slab) for slab in range((first - 1) // SLAB, (stop - 1) // SLAB + 1)]
         mine = facets[0] if len(facets) == 1 else np.unique(np.concatenate(facets))
-        keys = self._crossings(mine, NONE, 0, (float(low), float(high)), within, always, True)
+        runs, slopes = facet_runs(self.points, self.faces, mine, *within, *self.size_px)
+        whole = runs, slopes, np.ones(len(runs), np.int64)
+        keys = self._crossings(whole, 1, (float(low), float(high)), within, always, True)
         if not len(keys):
             return 0
         return int(_cover(keys, segments, self.size_px[0], bounds, heights, middle, share, self.least * heights[1],
@@ -319,25 +321,19 @@ class Sheets:
 
     def _crossings(
         self,
-        mine: NDArray[np.int32],
-        intervals: NDArray[np.int64],
+        runs: Runs,
         which: int,
         scale: tuple[float, float],
         within: tuple[float, float],
         always: tuple[float, float],
         alike: bool,
     ) -> NDArray[np.int64]:
-        """Those of some facets, sorted."""
+        """Those of some runs of facets, sorted."""
         width, height = self.size_px
         words = words_for(width)
         zeros = self.room.zeros(words * height * 2)
         seen = zeros[: words * height * 2].reshape(words, height, 2)
-        runs = getattr(self._runs, "kept", None)
-        keys: NDArray[np.int64]
-        keys, self._runs.kept = crossings(
-            self.points, self.faces, mine, intervals, which, scale, within, always, alike, width, seen,
-            np.empty((4096, 4), np.int32) if runs is None else runs,
-        )  # fmt: skip
+        keys: NDArray[np.int64] = crossings(*runs, which, scale, within, always, alike, width, seen)
         self.room.emptied(zeros)
         if len(keys) > 1:
             keys.sort()

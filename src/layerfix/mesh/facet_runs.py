@@ -1,0 +1,241 @@
+"""Runs of pixels that facets cover, row by row: seen from above, between two heights, centre by centre.
+
+Coordinates are the cutter's: column, row, z quanta. A facet covers the centres that `fill` would give it: half-open
+along the row and across it, so neighbours never both claim a centre and never leave one out.
+
+Runs are made once for SLAB intervals between mid-planes; fine meshes have fewer of them than facets.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types
+
+from layerfix.kernels import njit
+from layerfix.mesh.fill import below
+
+TILE = 8  # px
+SLAB = 16  # intervals whose facets are looked through at once; at most 62, the bits of a mask
+POINTS = types.Array(types.float64, 2, "C", readonly=True)
+TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
+INDICES = types.Array(types.int32, 1, "C")
+HEIGHTS = types.Array(types.float64, 1, "C", readonly=True)
+MASKS = types.Array(types.int64, 1, "C")
+RUNS = types.Array(types.int32, 2, "C")  # row, first column, past the last, 1 if the facet faces down
+SLOPES = types.Array(
+    types.float64, 2, "C"
+)  # of a run: z at column 0, z along a column, the facet's least and greatest
+
+
+@njit
+def area_of(points, a, b, c):  # type: ignore[no-untyped-def]
+    """Twice the area seen from above, above 0 for a facet that faces down (rows run downwards)."""
+    return (points[b, 0] - points[a, 0]) * (points[c, 1] - points[a, 1]) - (points[c, 0] - points[a, 0]) * (
+        points[b, 1] - points[a, 1]
+    )
+
+
+@njit
+def _may_cover(points, a, b, c, width, height):  # type: ignore[no-untyped-def]
+    """Whether a facet may cover a centre of the frame."""
+    x0, x1 = min(points[a, 0], points[b, 0], points[c, 0]), max(points[a, 0], points[b, 0], points[c, 0])
+    y0, y1 = min(points[a, 1], points[b, 1], points[c, 1]), max(points[a, 1], points[b, 1], points[c, 1])
+    return (
+        max(math.ceil(x0), 0) < min(math.ceil(x1), width)
+        and max(math.ceil(y0), 0) < min(math.ceil(y1), height)
+        and area_of(points, a, b, c) != 0
+    )
+
+
+@njit(
+    types.Tuple((types.Array(types.int64, 1, "C"), INDICES))(POINTS, TRIANGLES, HEIGHTS, types.int64, types.int64),
+    cache=True,
+    nogil=True,
+)
+def slabs_of(points, faces, edges, width, height):  # type: ignore[no-untyped-def]
+    """Facets that may cover a centre, by the slabs of SLAB intervals edges[q] < z ≤ edges[q + 1] they reach into."""
+    slabs = (edges.shape[0] - 1 + SLAB - 1) // SLAB
+    starts = np.zeros(slabs + 1, np.int64)
+    span = np.zeros((faces.shape[0], 2), np.int32)
+    for t in range(faces.shape[0]):
+        a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+        if not _may_cover(points, a, b, c, width, height):
+            continue
+        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
+        first = max(below(edges, min(za, zb, zc)) - 1, 0)
+        last = max(below(edges, max(za, zb, zc)) - 1, 0)
+        span[t, 0], span[t, 1] = first // SLAB, last // SLAB + 1
+        for s in range(span[t, 0], span[t, 1]):
+            starts[s + 1] += 1
+    for s in range(slabs):
+        starts[s + 1] += starts[s]
+    out = np.empty(starts[slabs], np.int32)
+    where = starts.copy()
+    for t in range(faces.shape[0]):
+        for s in range(span[t, 0], span[t, 1]):
+            out[where[s]] = t
+            where[s] += 1
+    return starts, out
+
+
+@njit
+def _rows_between(points, a, b, c, low, high):  # type: ignore[no-untyped-def]
+    """Least and greatest y of a facet's part in low ≤ z ≤ high, a little more."""
+    y0, y1 = math.inf, -math.inf
+    for p, q in ((a, b), (b, c), (c, a)):
+        dz = points[q, 2] - points[p, 2]
+        first, last = 0.0, 1.0
+        if dz != 0:
+            one, other = (low - points[p, 2]) / dz, (high - points[p, 2]) / dz
+            first, last = max(first, min(one, other)), min(last, max(one, other))
+        elif not low <= points[p, 2] <= high:
+            continue
+        if first <= last:
+            one = points[p, 1] + first * (points[q, 1] - points[p, 1])
+            other = points[p, 1] + last * (points[q, 1] - points[p, 1])
+            y0, y1 = min(y0, one, other), max(y1, one, other)
+    return y0 - 1e-6, y1 + 1e-6
+
+
+@njit
+def _slope(points, p, q):  # type: ignore[no-untyped-def]
+    dy = points[q, 1] - points[p, 1]
+    return (points[q, 0] - points[p, 0]) / dy if dy != 0 else 0.0
+
+
+@njit
+def _by_rows(points, a, b, c):  # type: ignore[no-untyped-def]
+    """The corners of a facet, from the first row to the last."""
+    if points[b, 1] < points[a, 1]:
+        a, b = b, a
+    if points[c, 1] < points[b, 1]:
+        b, c = c, b
+        if points[b, 1] < points[a, 1]:
+            a, b = b, a
+    return a, b, c
+
+
+@njit
+def _plane(points, a, b, c):  # type: ignore[no-untyped-def]
+    """(gx, gy): how z changes along x and y."""
+    xa, ya, za, area = points[a, 0], points[a, 1], points[a, 2], area_of(points, a, b, c)
+    ux, uy, uz = points[b, 0] - xa, points[b, 1] - ya, points[b, 2] - za
+    vx, vy, vz = points[c, 0] - xa, points[c, 1] - ya, points[c, 2] - za
+    return (uz * vy - vz * uy) / area, (ux * vz - vx * uz) / area
+
+
+@njit
+def run_z(slopes, r, column):  # type: ignore[no-untyped-def]
+    """Height of run r at a column."""
+    return min(max(slopes[r, 0] + slopes[r, 1] * column, slopes[r, 2]), slopes[r, 3])
+
+
+@njit
+def run_within(slopes, r, low, high, first, stop):  # type: ignore[no-untyped-def]
+    """Of the columns first … stop - 1 of run r those in low < z ≤ high."""
+    at_row, gx = slopes[r, 0], slopes[r, 1]
+    if stop - first > 2 and abs(gx) > 1e-9:
+        one, other = (low - at_row) / gx, (high - at_row) / gx
+        first = max(first, math.ceil(min(max(min(one, other), -1.0), stop) - 0.01))
+        stop = min(stop, math.floor(max(min(max(one, other), stop), -1.0) + 0.01) + 1)
+    while first < stop and not low < run_z(slopes, r, first) <= high:
+        first += 1
+    while first < stop and not low < run_z(slopes, r, stop - 1) <= high:
+        stop -= 1
+    return first, stop
+
+
+@njit
+def _longer(runs, slopes):  # type: ignore[no-untyped-def]
+    """The same two tables with room for as many more rows."""
+    count = runs.shape[0]
+    more, more_slopes = np.empty((2 * count, 4), np.int32), np.empty((2 * count, 4), np.float64)
+    for r in range(count):
+        for k in range(4):
+            more[r, k], more_slopes[r, k] = runs[r, k], slopes[r, k]
+    return more, more_slopes
+
+
+@njit(
+    types.Tuple((RUNS, SLOPES))(POINTS, TRIANGLES, INDICES, types.float64, types.float64, types.int64, types.int64),
+    cache=True,
+    nogil=True,
+)
+def facet_runs(points, faces, chosen, low, high, width, height):  # type: ignore[no-untyped-def]
+    """(runs, slopes) of some facets in low < z ≤ high; none of them may be upright (`slabs_of` leaves those out)."""
+    runs, slopes, n = np.empty((256, 4), np.int32), np.empty((256, 4), np.float64), 0
+    for t in chosen:
+        a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+        xa, ya, za = points[a, 0], points[a, 1], points[a, 2]
+        z0, z1 = min(za, points[b, 2], points[c, 2]), max(za, points[b, 2], points[c, 2])
+        if z0 > high or z1 <= low:
+            continue
+        top, middle, bottom = _by_rows(points, a, b, c)
+        x_top, y_top, x_middle, y_middle = points[top, 0], points[top, 1], points[middle, 0], points[middle, 1]
+        j_middle = math.ceil(y_middle)
+        whole = z0 > low and z1 <= high
+        j0, j1 = max(math.ceil(y_top), 0), min(math.ceil(points[bottom, 1]), height)
+        if not whole and j1 - j0 > TILE:
+            y0, y1 = _rows_between(points, a, b, c, low, high)
+            j0, j1 = max(j0, math.ceil(y0)), min(j1, math.floor(y1) + 1)
+        if j0 >= j1:
+            continue
+        gx, gy = _plane(points, a, b, c)
+        down = np.int32(area_of(points, a, b, c) > 0)
+        long, upper, lower = _slope(points, top, bottom), _slope(points, top, middle), _slope(points, middle, bottom)
+        for j in range(j0, j1):
+            one = math.ceil(x_top + (j - y_top) * long)
+            other = math.ceil(x_top + (j - y_top) * upper if j < j_middle else x_middle + (j - y_middle) * lower)
+            first, stop = max(min(one, other), 0), min(max(one, other), width)
+            if stop <= first:
+                continue
+            if n == runs.shape[0]:
+                runs, slopes = _longer(runs, slopes)
+            slopes[n, 0], slopes[n, 1], slopes[n, 2], slopes[n, 3] = za + gy * (j - ya) - gx * xa, gx, z0, z1
+            if not whole:
+                first, stop = run_within(slopes, n, low, high, first, stop)
+                if stop <= first:
+                    continue
+            runs[n, 0], runs[n, 1], runs[n, 2], runs[n, 3] = j, first, stop, down
+            n += 1
+    return runs[:n].copy(), slopes[:n].copy()
+
+
+@njit(
+    types.Tuple((RUNS, SLOPES, MASKS))(RUNS, SLOPES, HEIGHTS, types.int64, types.int64, types.int64, types.boolean),
+    cache=True,
+    nogil=True,
+)
+def paired_runs(runs, slopes, edges, q0, width, height, alike):  # type: ignore[no-untyped-def]
+    """Of the runs of the slab from interval q0 on, those that share a tile and an interval with one that faces the
+    other way (`alike`: with any other), and a mask of these intervals of each."""
+    across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+    masks = np.empty(runs.shape[0], np.int64)
+    seen = np.zeros((along, across, 2), np.int64)
+    count = min(edges.shape[0] - 1 - q0, SLAB)
+    slab = edges[q0 : q0 + count + 1]
+    for r in range(runs.shape[0]):
+        one, other = run_z(slopes, r, runs[r, 1]), run_z(slopes, r, runs[r, 2] - 1)
+        first = min(max(below(slab, min(one, other)) - 1, 0), count - 1)
+        last = min(max(below(slab, max(one, other)) - 1, 0), count - 1)
+        masks[r] = (np.int64(2) << last) - (np.int64(1) << first)
+        v, side = runs[r, 0] // TILE, 1 - runs[r, 3]
+        for u in range(runs[r, 1] // TILE, (runs[r, 2] - 1) // TILE + 1):
+            if alike:
+                seen[v, u, 1] |= seen[v, u, 0] & masks[r]
+                seen[v, u, 0] |= masks[r]
+            else:
+                seen[v, u, side] |= masks[r]
+    k = 0
+    for r in range(runs.shape[0]):
+        wanted, other = np.int64(0), 1 if alike else runs[r, 3]
+        for u in range(runs[r, 1] // TILE, (runs[r, 2] - 1) // TILE + 1):
+            wanted |= masks[r] & seen[runs[r, 0] // TILE, u, other]
+        if wanted:
+            for i in range(4):
+                runs[k, i], slopes[k, i] = runs[r, i], slopes[r, i]
+            masks[k] = wanted
+            k += 1
+    return runs[:k].copy(), slopes[:k].copy(), masks[:k].copy()
