@@ -203,17 +203,10 @@ def facet_runs(points, faces, chosen, low, high, width, height):  # type: ignore
     return runs[:n].copy(), slopes[:n].copy()
 
 
-@njit(
-    types.Tuple((RUNS, SLOPES, MASKS))(RUNS, SLOPES, HEIGHTS, types.int64, types.int64, types.int64, types.boolean),
-    cache=True,
-    nogil=True,
-)
-def paired_runs(runs, slopes, edges, q0, width, height, alike):  # type: ignore[no-untyped-def]
-    """Of the runs of the slab from interval q0 on, those that share a tile and an interval with one that faces the
-    other way (`alike`: with any other), and a mask of these intervals of each."""
-    across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+@njit(MASKS(RUNS, SLOPES, HEIGHTS, types.int64), cache=True, nogil=True)
+def intervals_of(runs, slopes, edges, q0):  # type: ignore[no-untyped-def]
+    """Of each run a mask of the intervals it reaches into, of the slab from interval q0 on."""
     masks = np.empty(runs.shape[0], np.int64)
-    seen = np.zeros((along, across, 2), np.int64)
     count = min(edges.shape[0] - 1 - q0, SLAB)
     slab = edges[q0 : q0 + count + 1]
     for r in range(runs.shape[0]):
@@ -221,6 +214,20 @@ def paired_runs(runs, slopes, edges, q0, width, height, alike):  # type: ignore[
         first = min(max(below(slab, min(one, other)) - 1, 0), count - 1)
         last = min(max(below(slab, max(one, other)) - 1, 0), count - 1)
         masks[r] = (np.int64(2) << last) - (np.int64(1) << first)
+    return masks
+
+
+@njit(
+    types.Tuple((RUNS, SLOPES, MASKS))(RUNS, SLOPES, MASKS, types.int64, types.int64, types.boolean),
+    cache=True,
+    nogil=True,
+)
+def paired(runs, slopes, masks, width, height, alike):  # type: ignore[no-untyped-def]
+    """Those runs that share a tile and an interval with one that faces the other way (`alike`: with any other), and a
+    mask of these intervals of each."""
+    across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+    seen = np.zeros((along, across, 2), np.int64)
+    for r in range(runs.shape[0]):
         v, side = runs[r, 0] // TILE, 1 - runs[r, 3]
         for u in range(runs[r, 1] // TILE, (runs[r, 2] - 1) // TILE + 1):
             if alike:
@@ -228,14 +235,15 @@ def paired_runs(runs, slopes, edges, q0, width, height, alike):  # type: ignore[
                 seen[v, u, 0] |= masks[r]
             else:
                 seen[v, u, side] |= masks[r]
-    k = 0
+    kept, kept_slopes = np.empty_like(runs), np.empty_like(slopes)
+    wanted, k = np.empty_like(masks), 0
     for r in range(runs.shape[0]):
-        wanted, other = np.int64(0), 1 if alike else runs[r, 3]
+        both, other = np.int64(0), 1 if alike else runs[r, 3]
         for u in range(runs[r, 1] // TILE, (runs[r, 2] - 1) // TILE + 1):
-            wanted |= masks[r] & seen[runs[r, 0] // TILE, u, other]
-        if wanted:
+            both |= masks[r] & seen[runs[r, 0] // TILE, u, other]
+        if both:
             for i in range(4):
-                runs[k, i], slopes[k, i] = runs[r, i], slopes[r, i]
-            masks[k] = wanted
+                kept[k, i], kept_slopes[k, i] = runs[r, i], slopes[r, i]
+            wanted[k] = both
             k += 1
-    return runs[:k].copy(), slopes[:k].copy(), masks[:k].copy()
+    return kept[:k].copy(), kept_slopes[:k].copy(), wanted[:k].copy()

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import types
@@ -26,7 +26,7 @@ from layerfix.layers.columns import Room
 from layerfix.layers.components import root_of
 from layerfix.layers.neighbours import bit_at
 from layerfix.mesh.crossings import KEYS, Z_BITS, crossings, longer
-from layerfix.mesh.facet_runs import SLAB, facet_runs, paired_runs, slabs_of
+from layerfix.mesh.facet_runs import SLAB, facet_runs, intervals_of, paired, slabs_of
 from layerfix.mesh.fill import BITS, EVEN_ODD, ONE, SEGMENTS, below, row_crossings, sort, winding_is_inside
 from layerfix.stack import Remembered
 
@@ -35,13 +35,14 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
 
-    Runs = tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int64]]  # runs, slopes, masks of intervals
+    Runs = tuple[NDArray[Any], ...]  # runs, slopes, masks of intervals
 
 LEAST = 0.25  # of a layer: what is kept
 CRUMB = 4  # px
 FOIL = 1e-3  # of a layer: what is lower is nothing
 NOWHERE = (np.inf, -np.inf)
 NONE = np.zeros(0, np.int64)
+ALL_INTERVALS = -1
 BOUNDS = types.Array(types.float64, 1, "C")
 
 
@@ -256,7 +257,7 @@ class Sheets:
     room: Room = field(default_factory=Room)
     _edges: NDArray[np.float64] = field(init=False)  # of the intervals between mid-planes, q below layer q
     _keys: Callable[[int], NDArray[np.int64]] = field(init=False)  # of an interval
-    _facets: Callable[[int], NDArray[np.int32]] = field(init=False)  # of a slab
+    _runs: Callable[[int], Runs] = field(init=False)  # of a slab
 
     def __post_init__(self) -> None:
         """Sort the facets into slabs."""
@@ -268,14 +269,18 @@ class Sheets:
 
         alike = self.rule == EVEN_ODD  # facets that face the same way can bound a stretch, too
 
-        def paired(slab: int) -> tuple[Runs, int]:
+        def whole(slab: int) -> Runs:
             q0 = slab * SLAB
             ends = float(edges[q0]), float(edges[min(q0 + SLAB, len(edges) - 1)])
-            runs, slopes = facet_runs(self.points, self.faces, self._facets(slab), *ends, width, height)
-            found = paired_runs(runs, slopes, edges, q0, width, height, alike)
+            mine = chosen[starts[slab] : starts[slab + 1]]
+            runs, slopes = facet_runs(self.points, self.faces, mine, *ends, width, height)
+            return runs, slopes, intervals_of(runs, slopes, edges, q0)
+
+        def both_ways(slab: int) -> tuple[Runs, int]:
+            found: Runs = paired(*whole(slab), width, height, alike)
             return found, int(np.bitwise_or.reduce(found[2]))
 
-        slabs = Remembered(paired, 4)
+        slabs = Remembered(both_ways, 4)
 
         def interval(q: int) -> NDArray[np.int64]:
             runs, any_of = slabs(q // SLAB)
@@ -287,7 +292,7 @@ class Sheets:
 
         object.__setattr__(self, "_keys", Remembered(interval, 16))
         object.__setattr__(self, "_edges", edges)
-        object.__setattr__(self, "_facets", lambda slab: chosen[starts[slab] : starts[slab + 1]])
+        object.__setattr__(self, "_runs", Remembered(whole, 4))
 
     def cover(self, index: int, rows: Rows, segments: NDArray[np.float64], share: float) -> int:
         """Make a layer's pixels solid where the solid over them fills so much of it (`z_sampling="overlap"`).
@@ -309,11 +314,12 @@ class Sheets:
         # A stretch that reaches deeper into a neighbour fills as much of this layer, or is the neighbour's.
         within = max(low, bounds[1] - deepest - clear), min(high, bounds[2] + deepest + clear)
         first, stop = np.searchsorted(self._edges, within).clip(1, last + 2).tolist()
-        facets = [self._facets(slab) for slab in range((first - 1) // SLAB, (stop - 1) // SLAB + 1)]
-        mine = facets[0] if len(facets) == 1 else np.unique(np.concatenate(facets))
-        runs, slopes = facet_runs(self.points, self.faces, mine, *within, *self.size_px)
-        whole = runs, slopes, np.ones(len(runs), np.int64)
-        keys = self._crossings(whole, 1, (float(low), float(high)), within, always, True)
+        slab, end = (first - 1) // SLAB, (stop - 1) // SLAB
+        runs, which = self._runs(slab), sum(1 << q % SLAB for q in range(first - 1, stop))
+        if slab != end:  # on their border
+            pairs = zip(runs, self._runs(end), strict=True)
+            runs, which = tuple(np.concatenate(pair) for pair in pairs), ALL_INTERVALS
+        keys = self._crossings(runs, which, (float(low), float(high)), within, always, True)
         if not len(keys):
             return 0
         return int(_cover(keys, segments, self.size_px[0], bounds, heights, middle, share, self.least * heights[1],
