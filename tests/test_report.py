@@ -376,6 +376,18 @@ def test_the_page_in_a_browser(browser, page):
     found.close()
 
 
+def test_a_printed_page_shows_the_pictures_as_they_are(browser, page):
+    """Neither view is stretched, the controls stay on the screen, and every row of the table is on paper."""
+    found, said = opened(browser, page[0], "#layer=8")
+    found.emulate_media(media="print")
+    for name in ("view", "layer"):  # drawn for the screen, and on paper as wide as there is room
+        assert found.evaluate(f"getComputedStyle(document.getElementById('{name}')).objectFit") == "contain"
+    assert not found.locator("#slider").is_visible()
+    assert found.evaluate("getComputedStyle(document.querySelector('.scroll')).maxHeight") == "none"
+    assert said == []
+    found.close()
+
+
 def test_without_webgl_the_layers_work(browser, page):
     """With a message in place of the 3D view; and dark, as the system says."""
     context = browser.new_context(color_scheme="dark", viewport={"width": 500, "height": 700})
