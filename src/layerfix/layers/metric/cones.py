@@ -69,10 +69,11 @@ def disc_erosions(solid, half_widths, starts, depths, live):  # type: ignore[no-
 
     A tile of a column at a time, for all levels: a disc is rows that are narrowed to either side.
     """
-    height, top, reach = solid.shape[1], starts.shape[0] - 1, 0
+    height, top, reach, breadth = solid.shape[1], starts.shape[0] - 1, 0, 0
     for k in range(top):
         reach = max(reach, starts[k + 1] - starts[k] - 1)
-    breadth = half_widths.max()
+    for half in half_widths:  # numba's `max` would load linear algebra
+        breadth = max(breadth, half)
     copy_live(solid, depths[0], live[0])
     wide = np.empty((breadth + 1, TILE + 2 * reach), np.uint64)
     deepest = 0
