@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import shutil
 import subprocess
 import sys
+import threading
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numba import types
+from numba import typeof, types
 
 from layerfix import kernel_cache, kernels
 from layerfix.bits import pack, popcount
 from layerfix.kernels import njit
 from layerfix.layers.columns import bounding_box
+from layerfix.layers.feature import feature_of_size
+from layerfix.layers.print_paths import tool_of
 from tests.making import SOURCE, box, environment, give_up_override, write_stl
 
 # Dilates and erodes a line of 30 pixels. Prints the pixels, and how many kernels were loaded and compiled.
@@ -311,3 +315,24 @@ def test_a_warm_start_loads_no_linear_algebra(tmp_path):
             [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=240
         )
     assert done.stdout.splitlines()[-1] == "False"
+
+
+def test_the_type_of_an_argument_is_made_once():
+    """Once it is known, every thread brings the same one, and it outlives the calls."""
+    value = (np.arange(3, dtype=np.int8), 1.0, (np.arange(4.0), True))
+    kernels.know(value)
+    code = typeof(value)._code
+    gc.collect()
+    found: list[int] = []
+    threads = [threading.Thread(target=lambda: found.append(typeof(value)._code)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [code] * 8
+
+
+def test_what_corrects_layers_is_known_before_threads_bring_it():
+    """F and the plan go to kernels as tuples, whose types numba makes as they come."""
+    tool = tool_of(feature_of_size(8.0), "metric")
+    assert {typeof(tool.values), typeof(tool.plan)} <= kernels._known

@@ -16,6 +16,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from threading import Lock
 from types import CodeType, ModuleType
 from typing import Any, ClassVar
 
@@ -32,6 +33,8 @@ from numba.core.serialize import dumps
 from layerfix import kernel_cache, kernels_ahead
 
 PACKAGE = __name__.partition(".")[0]
+_known: set[Any] = set()  # types, so that none is made anew
+_knowing = Lock()
 
 
 class Helper(CPUDispatcher):  # type: ignore[misc]  # numba has no types
@@ -169,6 +172,16 @@ def njit(signature: Any = None, *, cache: bool = False, **options: Any) -> Any:
         return Helper(py_func, options) if signature is None else Kernel(py_func, signature, options)
 
     return decorate
+
+
+def know(*values: Any) -> None:
+    """Have numba know the types of these arguments before threads bring them.
+
+    Two threads that are first with a tuple can make its type twice; the kernel then knows one of the two, and refuses
+    what comes with the other (seen once in some thousand runs).
+    """
+    with _knowing:
+        _known.update(numba.typeof(value) for value in values)
 
 
 def kernels_of(*modules: str) -> list[Kernel]:

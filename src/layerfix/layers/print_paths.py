@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numba import types
 
 from layerfix.bits import U0
-from layerfix.kernels import njit
+from layerfix.kernels import know, njit
 from layerfix.layers.drawing import anchor_columns, find_paths, open_columns
 from layerfix.layers.metric.levels import PLAN
 from layerfix.layers.metric.rule import ZEROS, zeros_needed
@@ -35,10 +36,13 @@ class Tool(NamedTuple):
     plan: tuple[Any, ...]
 
 
+@lru_cache(maxsize=32)
 def tool_of(feature: Feature, spurs: Spurs) -> Tool:
     """What `find_printed` works with."""
     metric, rounds, plan = spur_numbers(feature, spurs)
-    return Tool((feature.half_widths, *feature.block, feature.by_size, metric, rounds), plan)
+    tool = Tool((feature.half_widths, *feature.block, feature.by_size, metric, rounds), plan)
+    know(*tool)
+    return tool
 
 
 @njit
