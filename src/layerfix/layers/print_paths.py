@@ -41,7 +41,7 @@ def tool_of(feature: Feature, spurs: Spurs) -> Tool:
     """What `find_printed` works with."""
     metric, rounds, plan = spur_numbers(feature, spurs)
     tool = Tool((feature.half_widths, *feature.block, feature.by_size, metric, rounds), plan)
-    know(*tool)
+    know(tool.values)
     return tool
 
 

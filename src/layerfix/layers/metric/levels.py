@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import types
 
+from layerfix.kernels import know
 from layerfix.layers.metric.tiles import CROSS, DISC3, HORIZONTAL, SQUARE, VERTICAL
 from layerfix.layers.morphology import disc_half_widths
 
@@ -79,11 +80,13 @@ class Plan:
     @cached_property
     def numbers(self) -> tuple[Any, ...]:
         """The plan as kernels take it (PLAN), with the margin, a strip's columns, and whether pixels are square."""
-        return (
+        numbers = (
             self.levels, self.half_widths, self.starts, self.schedule, self.elements, self.offsets, self.lengths,
             self.outside, self.scale, self.pixel, self.radius, self.margin_px, STRIP * max(self.halo, 2),
             self.round,
         )  # fmt: skip
+        know(numbers)
+        return numbers
 
 
 @lru_cache(maxsize=32)
