@@ -145,12 +145,13 @@ def near_free(solid, anchor, margin, near_solid, solid_live, near_anchor, anchor
             for k in range(9):
                 if (found >> k) & 1:
                     wanted[w + k % 3, t + k // 3] = Q1
-    for _ in range((margin - near + TILE - 1) // TILE):
+    for step in range((margin - near + 63) // 64):  # a tile is 64 px wide, and taller
+        rows = 1 if step * TILE < margin - near else 0
         before = wanted.copy()
         for w in range(1, words + 1):
             for t in range(1, tiles + 1):
                 for v in range(w - 1, w + 2):
-                    wanted[w, t] |= before[v, t - 1] | before[v, t] | before[v, t + 1]
+                    wanted[w, t] |= before[v, t - rows] | before[v, t] | before[v, t + rows]
     for w in range(1, words - 1):
         for t in range(tiles):
             if wanted[w + 1, t + 1]:
