@@ -1,7 +1,6 @@
 """Resin jobs: a 12K layer decoded, corrected and encoded; the run-length codes; a whole job end to end."""
 
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -20,7 +19,7 @@ from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.encode import encode_png
 from layerfix.layers.correction import correct_rows
 from layerfix.layers.feature import feature_of_mm
-from tests.benchmarks.measuring import best_of, table
+from tests.benchmarks.measuring import best_of, peak_gb, table
 from tests.benchmarks.resin_12k import PRINTER, plate_of_dragons
 
 FEATURE = feature_of_mm(0.15, (0.019, 0.024))
@@ -95,8 +94,7 @@ def fix_job(source: Path, target: Path) -> None:
     stack = lf.read(source, pixel_mm=(0.019, 0.024))
     lf.write(target, lf.correct(stack, min_feature_mm=0.15, mode="add_only"))
     seconds = time.perf_counter() - started
-    peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    print(json.dumps({"layers": len(stack), "seconds": seconds, "peak_gb": peak_gb}))
+    print(json.dumps({"layers": len(stack), "seconds": seconds, "peak_gb": peak_gb()}))
 
 
 def run() -> None:

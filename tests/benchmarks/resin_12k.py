@@ -1,7 +1,6 @@
 """A 12K resin job, mesh → corrected → PNG: layers per second, peak memory, and the PNG codec on its own."""
 
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -14,7 +13,7 @@ import numpy as np
 import layerfix as lf
 from layerfix.formats.png.encode import encode_png
 from layerfix.samples import sample
-from tests.benchmarks.measuring import best_of, table
+from tests.benchmarks.measuring import best_of, peak_gb, table
 
 PRINTER = "elegoo-saturn-3-ultra"
 
@@ -38,8 +37,9 @@ def job(layers: int, target: Path) -> None:
     stack = lf.slice_mesh(mesh, pixel_mm=printer.pixel_mm, layer_mm=printer.layer_mm, frame_px=printer.pixels)
     lf.write(target, lf.correct(stack, min_feature_mm=printer.min_feature_mm, mode="add_only"), printer)
     seconds = time.perf_counter() - started
-    peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    print(json.dumps({"layers": len(stack), "seconds": seconds, "peak_gb": peak_gb, "bytes": target.stat().st_size}))
+    print(
+        json.dumps({"layers": len(stack), "seconds": seconds, "peak_gb": peak_gb(), "bytes": target.stat().st_size})
+    )
 
 
 def run() -> None:
