@@ -44,7 +44,8 @@ def thin_protected(columns, anchor, protected, everywhere, scratch):  # type: ig
             here, kept, fixed = columns[w][1:], protected[w][1:], anchor[w][1:]
             for i in range(height - 2):
                 line[i] = here[i] & kept[i] & ~fixed[i]
-            flag_blocks(line, changed[0, w])
+            for phase in range(3):  # each must look once
+                flag_blocks(line, changed[phase, w])
     flag_free(columns, anchor, protected, changed)
     again = True
     while again:
