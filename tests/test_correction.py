@@ -11,6 +11,7 @@ from layerfix import Layer, LayerStack, correct, correct_image, meso_skeleton, s
 from layerfix.errors import InputError
 from layerfix.layers.correction import MODES
 from layerfix.layers.feature import feature_of_mm
+from layerfix.layers.verdict import judge
 from layerfix.samples import sample
 from tests import slow_metric, slow_twin
 from tests.pictures_as_text import KINDS, block, drawing, framed, images, picture, radii, round_dot, strip
@@ -548,3 +549,25 @@ def test_slicings_note_of_closed_gaps_survives_correction():
     rows = stack_of(block(9, 9, 4))[0].rows
     stack = LayerStack(17, 17, (1, 1), np.array([[0, 1]]), lambda _: Layer(rows, 17, (0, 1), gaps=Gaps(2, 0.3)))
     assert correct(stack, min_feature_mm=4)[0].gaps == Gaps(2, 0.3)
+
+
+def test_layers_that_are_alike_have_their_own_heights():
+    """What merged, what would be lost and what stays too narrow is told at each layer's height, though the layers are
+    worked on once; and where F differs they are not taken for one."""
+    image = np.zeros((40, 60), bool)
+    image[10:30, 5:25] = image[10:30, 28:50] = True  # three pixels apart
+    image[10:30, 26] = True  # a wall between, which grows into both
+    stack = LayerStack.from_images([image] * 5, pixel_mm=0.1, layer_mm=0.1)
+    for workers in (1, 2):
+        for layer in correct(stack.with_workers(workers), min_feature_mm=0.6):
+            assert layer.change.topology
+            assert {one.z_mm for one in layer.change.topology} == {layer.z_mm}
+        for layer in correct(stack.with_workers(workers), min_feature_mm=0.6, keep_gaps_mm=0.1):
+            assert layer.change.conflicts
+            assert {one.z_mm for one in layer.change.conflicts} == {layer.z_mm}
+        for verdict, layer in zip(judge(stack.with_workers(workers), min_feature_mm=0.6), stack, strict=True):
+            assert {one.z_mm for one in (*verdict.lost, *verdict.topology)} == {verdict.z_mm} == {layer.z_mm}
+    wide = correct(stack, min_feature_mm=[0.6, 0.6, 1.0, 1.0, 0.6])
+    alone = {size: correct(stack, min_feature_mm=size)[0].image() for size in (0.6, 1.0)}
+    for layer, size in zip(wide.with_workers(1), (0.6, 0.6, 1.0, 1.0, 0.6), strict=True):
+        assert np.array_equal(layer.image(), alone[size])
