@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from layerfix.commands.fix import Placing
 from layerfix.commands.options import Options
 from layerfix.commands.pages import report_on
+from layerfix.commands.part import Placing
 from layerfix.commands.standing import printing_of
 from layerfix.draw.canvas import SUFFIXES as DRAWINGS
 from layerfix.draw.sphere import scatter, sphere_map

@@ -13,8 +13,8 @@ from layerfix.files import check_apart, check_target
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
-    from layerfix.commands.fix import Placing
     from layerfix.commands.options import Options
+    from layerfix.commands.part import Placing
     from layerfix.layers.correction import Mode
     from layerfix.layers.verdict import LayerVerdict
     from layerfix.stack import LayerStack

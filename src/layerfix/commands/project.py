@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.commands.fix import as_asked, check_paths, fix, open_part
+from layerfix.commands.fix import as_asked, check_paths, fix
 from layerfix.commands.options import Options, flag, min_feature_of
+from layerfix.commands.part import open_part
 from layerfix.commands.summary import Summary, add_up
 from layerfix.errors import InputError
 from layerfix.formats import find_format

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layerfix.commands.fix import open_part
 from layerfix.commands.options import Correction, Options
+from layerfix.commands.part import open_part
 from layerfix.draw.canvas import SUFFIXES as DRAWINGS
 from layerfix.errors import InputError, OutputError
 from layerfix.fdm import settings_for
