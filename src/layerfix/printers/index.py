@@ -11,15 +11,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from layerfix.errors import InputError
 from layerfix.printers.folder import printer_folder
-from layerfix.printers.text import aligned, title_of, written
-from layerfix.units import format_mm
-
-if TYPE_CHECKING:
-    from layerfix.printers.printer import Printer
+from layerfix.printers.text import title_of
 
 INDEX = "index.json"
 # Words alike by at least so much (twice the letters in common over all letters) are taken for each other:
@@ -109,16 +105,3 @@ def _likeness(word: str, token: str) -> float:
         return 0.0
     matcher = SequenceMatcher(None, word, token, autojunk=False)
     return matcher.ratio() if matcher.real_quick_ratio() >= ALIKE else 0.0
-
-
-def listing(printers: Iterable[Printer | Entry]) -> list[str]:
-    """A line for each printer: name, maker and model, process, raster, minimum feature."""
-    return aligned([(p.name, p.title, p.process, _raster(p), f"min {format_mm(p.min_feature_mm)}") for p in printers])
-
-
-def _raster(printer: Printer | Entry) -> str:
-    if printer.pixels:
-        return f"{written(printer.pixels)} px"
-    if printer.nozzle_mm:
-        return f"{format_mm(printer.nozzle_mm)} nozzle"
-    return f"{format_mm(printer.pixel_mm[0])} pitch"

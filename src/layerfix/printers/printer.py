@@ -14,9 +14,10 @@ from typing import Any, Literal
 from layerfix.errors import InputError
 from layerfix.files import reading
 from layerfix.printers.folder import printer_folder, printer_names
-from layerfix.printers.index import find_printers
+from layerfix.printers.index import Entry, find_printers
 from layerfix.printers.keys import GCODE_PLACEHOLDERS, KEYS
 from layerfix.printers.text import aligned, title_of, written
+from layerfix.units import format_mm
 
 _REQUIRED = ("maker", "model", "process", "layer_mm", "layer_range_mm", "min_feature_mm")
 NEAREST = 4  # names that an error proposes, at most
@@ -255,3 +256,16 @@ def _derived_pitch(path: Path, values: dict[str, Any]) -> tuple[float, float]:
     if values["process"] == "service":
         return values["min_feature_mm"] / 16, values["min_feature_mm"] / 16
     raise InputError(f"{path}: missing pixel_mm (or pixels, or nozzle_mm, from which it follows)")
+
+
+def listing(printers: Iterable[Printer | Entry]) -> list[str]:
+    """A line for each printer: name, maker and model, process, raster, minimum feature."""
+    return aligned([(p.name, p.title, p.process, _raster(p), f"min {format_mm(p.min_feature_mm)}") for p in printers])
+
+
+def _raster(printer: Printer | Entry) -> str:
+    if printer.pixels:
+        return f"{written(printer.pixels)} px"
+    if printer.nozzle_mm:
+        return f"{format_mm(printer.nozzle_mm)} nozzle"
+    return f"{format_mm(printer.pixel_mm[0])} pitch"
