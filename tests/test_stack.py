@@ -21,7 +21,7 @@ from PIL import Image as Picture
 from layerfix import Layer, LayerStack, correct
 from layerfix.bits import pack
 from layerfix.errors import InputError
-from layerfix.stack import layer_bounds_mm, pitch_mm
+from layerfix.stack import MOST_AT_ONCE, layer_bounds_mm, pitch_mm
 
 IMAGES = np.random.default_rng(1).random((7, 5, 70)) < 0.5
 
@@ -255,7 +255,7 @@ def one_at_a_time(monkeypatch):
 
 @pytest.mark.parametrize("workers", [2, 3])
 def test_quick_small_layers_are_taken_in_a_row(workers):
-    """Up to eight of them, in order all the same; an error comes in its turn, and what follows it is not made."""
+    """Up to sixteen of them, in order all the same; an error comes in its turn, and what follows it is not made."""
     made: list[tuple[int, int]] = []
 
     def make(index: int) -> Layer:
@@ -275,7 +275,7 @@ def test_quick_small_layers_are_taken_in_a_row(workers):
     by_thread = [[index for thread, index in made if thread == one] for one in {thread for thread, _ in made}]
     in_a_row = sum(b == a + 1 for indices in by_thread for a, b in pairwise(indices))
     assert in_a_row > 150  # one at a time, threads would meet by chance only
-    assert max(ahead) <= 2 * workers * 8 + 8
+    assert max(ahead) <= (2 * workers + 1) * MOST_AT_ONCE
     assert layer_threads() == []
 
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 NOTEBOOK_PX = 1024
 LARGEST_ARRAY = 4 << 30  # bytes of one array of all layers
-TURN_S = 3e-3  # what a thread takes in a row takes about so long
-MOST_AT_ONCE, AT_ONCE_BYTES = 8, 1 << 20  # and is at most so much
+TURN_S = 6e-3  # what a thread takes in a row takes about so long
+MOST_AT_ONCE, AT_ONCE_BYTES = 16, 1 << 20  # and is at most so much
 
 
 @dataclass(frozen=True)
@@ -281,8 +281,8 @@ class LayerStack(Sequence[Layer]):
 
     def each(self, use: Callable[[Layer], Result], *, once: bool = False) -> Generator[Result]:
         """Yield `use` of every layer in order. Layers are made and used in threads, and at most two per
-        worker are ahead of the reader (of small ones two megabytes), so memory depends on the layer's size, not on
-        their number.
+        worker are ahead of the reader (of small ones two megabytes each), so memory depends on the layer's size,
+        not on their number.
 
         once  for a `use` that looks at pixels only: layers that repeat the one below yield its result again
         """
@@ -366,7 +366,7 @@ def _in_threads(work: Callable[[int], Result], order: list[int], workers: int, m
     """Yield work(order[0]), work(order[1]) … as so many threads make them; equal neighbours are made once.
 
     A thread takes one at a time or, if they turn out to take less than TURN_S, up to `most` in a row: handing over
-    costs as much as a tenth of a small layer. What `work` raises comes in its turn, as with one worker: after the
+    costs as much as a tenth of a small layer, and neighbours share what they are cut from. What `work` raises comes in its turn, as with one worker: after the
     results of all that is below it.
 
     No executor and no futures: their locks are Python's own, and a Ctrl-C that arrives just after the main thread
@@ -399,14 +399,14 @@ def _in_threads(work: Callable[[int], Result], order: list[int], workers: int, m
             thread.start()
         for index, wanted in enumerate(order):
             while asked < min(index + 1 + 2 * workers * at_once, len(order)):
-                stop = min(asked + at_once, len(order))
+                stop = min((asked // at_once + 1) * at_once, len(order))
                 if chosen := [k for k in range(asked, stop) if order[k] == k]:
                     todo.put(chosen)
                 asked = stop
             while wanted not in ready:
                 made, seconds = done.get()
                 ready.update((i, (result, problem)) for i, result, problem in made)
-                at_once = max(1, min(most, int(TURN_S * len(made) / max(seconds, 1e-9))))
+                at_once = 1 << (max(1, min(most, int(TURN_S * len(made) / max(seconds, 1e-9)))).bit_length() - 1)
                 del made
             if (wrong := ready[wanted][1]) is not None:
                 raise wrong

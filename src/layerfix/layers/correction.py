@@ -16,7 +16,7 @@ from numba import types
 from layerfix.bits import ROWS, WORK, pack, popcount, unpack
 from layerfix.errors import InputError
 from layerfix.kernels import njit
-from layerfix.layers.columns import Latest, Room, fill_columns, to_rows
+from layerfix.layers.columns import BOX, Latest, Room, fill_columns, to_rows
 from layerfix.layers.components import smaller_than
 from layerfix.layers.drawing import box_with_reach, draw_paths, missing_places
 from layerfix.layers.feature import Feature, Radius, feature_of_mm, feature_of_size
@@ -61,6 +61,21 @@ def _count_changes(before, after):  # type: ignore[no-untyped-def]
     return solid, added, removed
 
 
+@njit(
+    types.Tuple((types.int64, types.int64, types.int64, types.float64))(
+        ROWS, WORK, WORK, WORK, BOX, types.int64, types.float64, types.float64, types.float64, WORK
+    ),
+    cache=True,
+    nogil=True,
+)
+def _finish(before, solid, paths, printed, outer, width, limit_mm, px_mm, py_mm, out):  # type: ignore[no-untyped-def]
+    """out |= what is printed, as rows. Returns (solid before, added, removed) in pixels, and how narrow S is on the
+    paths."""
+    to_rows(printed, outer, width, out)
+    counts = _count_changes(before, out)
+    return counts[0], counts[1], counts[2], narrowest(solid, paths, limit_mm, px_mm, py_mm)
+
+
 @dataclass(frozen=True)
 class _Free:
     """What is to stay free, in pixels; keep_out are packed rows where nothing is added."""
@@ -71,9 +86,8 @@ class _Free:
 
 
 class _Corrected(NamedTuple):
-    """Corrected rows, their box, and as columns of it, in a `Room`: S, its paths, where F was drawn, the result."""
+    """A box, and as columns of it, in a `Room`: S, its paths, where F was drawn, the result."""
 
-    rows: Rows
     outer: tuple[int, int, int, int]
     solid: Columns
     paths: Columns
@@ -84,7 +98,6 @@ class _Corrected(NamedTuple):
 
 def _corrected(
     rows: Rows,
-    width: int,
     feature: Feature,
     spurs: Spurs,
     add_only: bool,
@@ -100,16 +113,19 @@ def _corrected(
     outer = box_with_reach(rows, (1 + shifts) * reach_x, (1 + shifts) * reach_y)
     if outer[1] == 0:
         return None
-    out = np.zeros(rows.shape, np.uint64)
     images = room.columns(outer, IMAGES_OF_LAYER)
     solid, _, skeleton, printed, paths, spare = images[:6]
     fill_columns(rows, outer, solid)
     centres = paths
     conflicts: list[Found] = []
     gap_px = None if free is None else free.gap_px
-    if printed_and_paths(images, tool_of(feature, spurs), room, whole=gap_px is not None):
-        if free is not None and shifts:
-            centres, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
+    tool = tool_of(feature, spurs)
+    if (
+        printed_and_paths(images, tool, room, whole=gap_px is not None, draw=not shifts)
+        and free is not None
+        and shifts
+    ):
+        centres, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
         draw_paths(centres, printed, *disc, spare)
     dots = np.empty_like(solid) if small is not None else solid
     if small is not None and missing_places(printed, small, outer[0], 64 * outer[2], dots):
@@ -123,8 +139,7 @@ def _corrected(
     if gap_px is not None:
         found = grow_apart(solid, skeleton, printed, centres, feature, gap_px, pixel_mm)
         conflicts += [("gap", *one) for one in found]
-    to_rows(printed, outer, width, out)
-    return _Corrected(out, outer, solid, paths, centres, printed, conflicts)
+    return _Corrected(outer, solid, paths, centres, printed, conflicts)
 
 
 def _kept_out(
@@ -285,7 +300,6 @@ class _Correction:
             small = small[(specks[y, x >> 6] >> (x & 63).astype(np.uint64)) & np.uint64(1) == 0]
         found = _corrected(
             wanted,
-            layer.width,
             feature,
             self.spurs,
             self.add_only,
@@ -299,12 +313,13 @@ class _Correction:
                 layer,
                 change=Change(ignored_px, 0, 0, None, feature.radius_px, feature.offset_px, ignored_px=ignored_px),
             )
-        rows, outer = found.rows, found.outer
+        rows, outer = np.zeros_like(layer.rows), found.outer
         feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
-        thinnest_mm: float = narrowest(found.solid, found.paths, feature_mm, *pixel_mm)
         if specks is not None and ignored_px:
             rows |= specks
-        solid, added, removed = _count_changes(layer.rows, rows)
+        solid, added, removed, thinnest_mm = _finish(
+            layer.rows, found.solid, found.paths, found.printed, outer, layer.width, feature_mm, *pixel_mm, rows
+        )
         paths = None
         if getattr(layer.source, "held", None) is not None or self.keep_paths:
             paths = np.zeros_like(rows)
@@ -440,8 +455,11 @@ def _correction_of(fixed: LayerStack) -> Any:
 def correct_rows(rows: Rows, width: int, feature: Feature, mode: Mode, spurs: Spurs) -> Rows:
     """One layer corrected as packed rows: (H, words) → (H, words)."""
     _check_mode(mode)
-    found = _corrected(rows, width, feature, spurs, mode == "add_only", Room())
-    return np.zeros_like(rows) if found is None else found.rows
+    found = _corrected(rows, feature, spurs, mode == "add_only", Room())
+    out = np.zeros_like(rows)
+    if found is not None:
+        to_rows(found.printed, found.outer, width, out)
+    return out
 
 
 def correct_image(

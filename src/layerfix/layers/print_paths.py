@@ -9,7 +9,7 @@ from numba import types
 
 from layerfix.bits import U0
 from layerfix.kernels import know, njit
-from layerfix.layers.drawing import anchor_columns, find_paths, open_columns
+from layerfix.layers.drawing import anchor_columns, draw_paths, find_paths, open_columns
 from layerfix.layers.metric.levels import PLAN
 from layerfix.layers.metric.rule import ZEROS, zeros_needed
 from layerfix.layers.metric.tiles import IMAGES
@@ -55,13 +55,14 @@ def _any_lost(solid, printed):  # type: ignore[no-untyped-def]
     return lost != U0
 
 
-@njit(types.boolean(IMAGES, TOOL, PLAN, ZEROS, types.boolean), cache=True, nogil=True)
-def find_printed(images, tool, plan, zeros, whole):  # type: ignore[no-untyped-def]
+@njit(types.boolean(IMAGES, TOOL, PLAN, ZEROS, types.boolean, types.boolean), cache=True, nogil=True)
+def find_printed(images, tool, plan, zeros, whole, draw):  # type: ignore[no-untyped-def]
     """Of the first image, S: PRINTED = S ∘ F, and PATHS to draw besides; True if there are any.
 
     images  IMAGES_OF_LAYER of them
     zeros   `zeros_needed` words, all 0, and all 0 again afterwards
     whole   SKELETON is wanted, too: otherwise it is not made where S ∘ F misses nothing and F is by size
+    draw    PRINTED gets what F draws along the paths, too
     """
     half_widths, bx, by, by_size, metric, rounds = tool
     solid, anchor, skeleton, printed, paths = images[0], images[1], images[2], images[3], images[4]
@@ -74,12 +75,17 @@ def find_printed(images, tool, plan, zeros, whole):  # type: ignore[no-untyped-d
                 paths[w, y] = U0
         return False
     skeleton_columns(solid, anchor, metric, rounds, plan, skeleton, scratch, zeros)
-    return find_paths(solid, skeleton, anchor, printed, half_widths, bx, by, by_size, paths)
+    found = find_paths(solid, skeleton, anchor, printed, half_widths, bx, by, by_size, paths)
+    if found and draw:
+        draw_paths(paths, printed, half_widths, bx, by, scratch[0])
+    return found
 
 
-def printed_and_paths(images: NDArray[np.uint64], tool: Tool, room: Room, *, whole: bool = False) -> bool:
+def printed_and_paths(
+    images: NDArray[np.uint64], tool: Tool, room: Room, *, whole: bool = False, draw: bool = False
+) -> bool:
     """`find_printed` with the working memory of a thread."""
     zeros = room.zeros(zeros_needed(tool.plan, *images.shape[1:]))
-    found = bool(find_printed(images, tool.values, tool.plan, zeros, whole))
+    found = bool(find_printed(images, tool.values, tool.plan, zeros, whole, draw))
     room.emptied(zeros)
     return found

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numba import types
 
-from layerfix.bits import words_for
+from layerfix.bits import WORK, words_for
 from layerfix.errors import InputError
 from layerfix.kernels import njit
 from layerfix.layers.columns import Room
@@ -27,9 +27,8 @@ from layerfix.layers.grey_image import GreyImage
 from layerfix.layers.grey_source import GreySource
 from layerfix.mesh.closing import close_gaps, edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
-from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE, SEGMENTS, below
-from layerfix.mesh.fill import fill as fill_pixels
-from layerfix.mesh.pieces import small_pieces
+from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE, SEGMENTS, below, fill
+from layerfix.mesh.pieces import PLACES, small_pieces
 from layerfix.mesh.sheets import LEAST, Sheets
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import Gaps, Layer, LayerStack, layer_bounds_mm, pitch_mm
@@ -79,10 +78,13 @@ class _Cutter:
     slab_faces: NDArray[np.int32]
     closed: bool
 
-    def segments(self, index: int) -> NDArray[np.float64]:
+    def facets(self, index: int) -> NDArray[np.int32]:
+        """Those that a layer's mid-plane may cut."""
         slab = index // SLAB_LAYERS
-        chosen = self.slab_faces[self.slab_starts[slab] : self.slab_starts[slab + 1]]
-        segments: NDArray[np.float64] = cut(self.points, self.faces, chosen, self.planes[index])
+        return self.slab_faces[self.slab_starts[slab] : self.slab_starts[slab + 1]]
+
+    def segments(self, index: int) -> NDArray[np.float64]:
+        segments: NDArray[np.float64] = cut(self.points, self.faces, self.facets(index), self.planes[index])
         return segments
 
 
@@ -159,6 +161,24 @@ def cut(points, faces, chosen, plane):  # type: ignore[no-untyped-def]
         if crossings:
             n += 1
     return out[:n].copy()
+
+
+@njit(
+    types.Tuple((types.int64, types.int64, PLACES))(
+        POINTS, TRIANGLES, INDICES, types.float64, types.int64, types.int64, types.boolean, WORK
+    ),
+    cache=True,
+    nogil=True,
+)
+def fill_cut(points, faces, chosen, plane, width, rule, hairlines, rows):  # type: ignore[no-untyped-def]
+    """`cut` and `fill` of a closed surface: (segments, pixels of hairlines, middles of small pieces); the last two
+    only if `hairlines`."""
+    segments = cut(points, faces, chosen, plane)
+    if segments.shape[0] == 0 or not hairlines:
+        added = fill(segments, width, rule, False, rows) if segments.shape[0] else 0
+        return segments.shape[0], added, np.empty((0, 2), np.int64)
+    added = fill(segments, width, rule, True, rows)
+    return segments.shape[0], added, small_pieces(segments, rows)
 
 
 def slice_mesh(
@@ -414,16 +434,24 @@ def _filled(
     cutter: _Cutter, grid: _Grid, index: int, rule: int, hairlines: bool, found: _Found
 ) -> NDArray[np.uint64] | None:
     """Rows of one layer of one surface, None if the layer does not cut it. `found` gets its gaps and hairlines."""
-    segments = cutter.segments(index)
-    if not len(segments):
-        return None
-    if not cutter.closed:
+    rows = np.zeros(grid.shape, np.uint64)
+    if cutter.closed:
+        chosen, plane = cutter.facets(index), cutter.planes[index]
+        count, hairline_px, middles = fill_cut(
+            cutter.points, cutter.faces, chosen, plane, grid.width, rule, hairlines, rows
+        )
+        if not count:
+            return None
+    else:
+        segments = cutter.segments(index)
+        if not len(segments):
+            return None
         segments, lengths_mm = close_gaps(segments, grid.pitch)
         if len(lengths_mm):
             found.gaps.append(Gaps(len(lengths_mm), float(lengths_mm.max())))
-    rows = np.zeros(grid.shape, np.uint64)
-    found.hairline_px += fill_pixels(segments, grid.width, rule, hairlines, rows)
-    middles = small_pieces(segments, rows) if hairlines else np.empty((0, 2), np.int64)
+        hairline_px = fill(segments, grid.width, rule, hairlines, rows)
+        middles = small_pieces(segments, rows) if hairlines else np.empty((0, 2), np.int64)
+    found.hairline_px += hairline_px
     if len(middles):
         found.middles.append(middles)
     return rows

@@ -18,9 +18,7 @@ from layerfix.layers.drawing import box_with_reach, draw_paths, missing_places
 from layerfix.layers.metric.levels import PLAN
 from layerfix.layers.metric.rule import zeros_needed
 from layerfix.layers.print_paths import IMAGES_OF_LAYER, TOOL, find_printed
-from layerfix.mesh.fill import fill
-from layerfix.mesh.pieces import small_pieces
-from layerfix.mesh.slicing import HEIGHTS, POINTS, SNAP_PER_PX, TRIANGLES, bucket, cut
+from layerfix.mesh.slicing import HEIGHTS, POINTS, SNAP_PER_PX, TRIANGLES, bucket, fill_cut
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,14 +78,11 @@ def _count_layers(points, faces, planes, width, height, rule, tool, plan, add_on
     rows = np.empty((height, (width + 63) // 64), np.uint64)
     room, zeros = np.empty(0, np.uint64), np.empty(0, np.uint64)
     for k in range(planes.shape[0]):
-        segments = cut(points, faces, crossed[starts[k] : starts[k + 1]], planes[k])
-        if segments.shape[0] == 0:
-            continue
         for y in range(rows.shape[0]):
             for w in range(rows.shape[1]):
                 rows[y, w] = U0
-        fill(segments, width, rule, True, rows)
-        small = small_pieces(segments, rows)
+        chosen = crossed[starts[k] : starts[k + 1]]
+        _, _, small = fill_cut(points, faces, chosen, planes[k], width, rule, True, rows)
         outer = box_with_reach(rows, reach_x, reach_y)
         if outer[1] == 0:
             continue
@@ -98,10 +93,9 @@ def _count_layers(points, faces, planes, width, height, rule, tool, plan, add_on
         if zeros.shape[0] < more:
             zeros = np.zeros(more * 5 // 4, np.uint64)
         images = room[:size].reshape(IMAGES_OF_LAYER, words, tall)
-        solid, printed, paths, scratch = images[0], images[3], images[4], images[5:]
+        solid, printed, scratch = images[0], images[3], images[5:]
         fill_columns(rows, outer, solid)
-        if find_printed(images, tool, plan, zeros, False):
-            draw_paths(paths, printed, half_widths, bx, by, scratch[0])
+        find_printed(images, tool, plan, zeros, False, True)
         if small.shape[0] and missing_places(printed, small, outer[0], 64 * outer[2], scratch[1]):
             draw_paths(scratch[1], printed, half_widths, bx, by, scratch[0])
         _compare(solid, printed, add_only, counts[k])
