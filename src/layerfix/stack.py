@@ -366,8 +366,8 @@ def _in_threads(work: Callable[[int], Result], order: list[int], workers: int, m
     """Yield work(order[0]), work(order[1]) … as so many threads make them; equal neighbours are made once.
 
     A thread takes one at a time or, if they turn out to take less than TURN_S, up to `most` in a row: handing over
-    costs as much as a tenth of a small layer, and neighbours share what they are cut from. What `work` raises comes in its turn, as with one worker: after the
-    results of all that is below it.
+    costs as much as a tenth of a small layer, and neighbours share what they are cut from. What `work` raises comes
+    in its turn, as with one worker: after the results of all that is below it.
 
     No executor and no futures: their locks are Python's own, and a Ctrl-C that arrives just after the main thread
     has taken one leaves it taken, for ever (seen once in some hundred interrupted runs). SimpleQueue is C.
