@@ -3,7 +3,7 @@
 Coordinates are the cutter's: column, row, z quanta. A facet covers the centres that `fill` would give it: half-open
 along the row and across it, so neighbours never both claim a centre and never leave one out.
 
-Runs are made once for SLAB intervals between mid-planes; fine meshes have fewer of them than facets.
+Runs are made once for a slab of intervals between mid-planes; fine meshes have fewer of them than facets.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from layerfix.kernels import njit
 from layerfix.mesh.fill import below
 
 TILE = 8  # px
-SLAB = 16  # intervals whose facets are looked through at once; at most 62, the bits of a mask
+SLAB = 16  # intervals whose facets are looked through at once, at most; they are the bits of a mask
+SLAB_FACETS = 65536  # or fewer, so that these are not many more: their runs take 56 bytes each
 POINTS = types.Array(types.float64, 2, "C", readonly=True)
 TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
 INDICES = types.Array(types.int32, 1, "C")
@@ -50,15 +51,17 @@ def _may_cover(points, a, b, c, width, height):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    types.Tuple((types.Array(types.int64, 1, "C"), INDICES))(POINTS, TRIANGLES, HEIGHTS, types.int64, types.int64),
+    types.Tuple((types.Array(types.int64, 1, "C"), INDICES))(
+        POINTS, TRIANGLES, HEIGHTS, types.int64, types.int64, types.int64
+    ),
     cache=True,
     nogil=True,
 )
-def slabs_of(points, faces, edges, width, height):  # type: ignore[no-untyped-def]
-    """Facets that may cover a centre, by the slabs of SLAB intervals edges[q] < z ≤ edges[q + 1] they reach into."""
-    slabs = (edges.shape[0] - 1 + SLAB - 1) // SLAB
+def slabs_of(points, faces, edges, span, width, height):  # type: ignore[no-untyped-def]
+    """Facets that may cover a centre, by the slabs of `span` intervals edges[q] < z ≤ edges[q + 1] they are in."""
+    slabs = (edges.shape[0] - 1 + span - 1) // span
     starts = np.zeros(slabs + 1, np.int64)
-    span = np.zeros((faces.shape[0], 2), np.int32)
+    slab = np.zeros((faces.shape[0], 2), np.int32)
     for t in range(faces.shape[0]):
         a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
         if not _may_cover(points, a, b, c, width, height):
@@ -66,18 +69,59 @@ def slabs_of(points, faces, edges, width, height):  # type: ignore[no-untyped-de
         za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
         first = max(below(edges, min(za, zb, zc)) - 1, 0)
         last = max(below(edges, max(za, zb, zc)) - 1, 0)
-        span[t, 0], span[t, 1] = first // SLAB, last // SLAB + 1
-        for s in range(span[t, 0], span[t, 1]):
+        slab[t, 0], slab[t, 1] = first // span, last // span + 1
+        for s in range(slab[t, 0], slab[t, 1]):
             starts[s + 1] += 1
     for s in range(slabs):
         starts[s + 1] += starts[s]
     out = np.empty(starts[slabs], np.int32)
     where = starts.copy()
     for t in range(faces.shape[0]):
-        for s in range(span[t, 0], span[t, 1]):
+        for s in range(slab[t, 0], slab[t, 1]):
             out[where[s]] = t
             where[s] += 1
     return starts, out
+
+
+@njit(
+    INDICES(POINTS, TRIANGLES, INDICES, HEIGHTS, types.int64, types.int64, types.boolean),
+    cache=True,
+    nogil=True,
+)
+def may_pair(points, faces, chosen, edges, width, height, alike):  # type: ignore[no-untyped-def]
+    """Of the facets of the slab with these edges, those whose box shares a tile and an interval with one that
+    faces the other way (`alike`: with any other). Where a facet is many rows high, it is the cheaper look."""
+    across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+    seen = np.zeros((along, across, 2), np.int64)
+    boxes, masks = np.empty((chosen.shape[0], 5), np.int32), np.empty(chosen.shape[0], np.int64)
+    count = edges.shape[0] - 1
+    for p in range(chosen.shape[0]):
+        a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
+        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
+        first = min(max(below(edges, min(za, zb, zc)) - 1, 0), count - 1)
+        last = min(max(below(edges, max(za, zb, zc)) - 1, 0), count - 1)
+        masks[p] = (np.int64(2) << last) - (np.int64(1) << first)
+        x0, x1 = min(points[a, 0], points[b, 0], points[c, 0]), max(points[a, 0], points[b, 0], points[c, 0])
+        y0, y1 = min(points[a, 1], points[b, 1], points[c, 1]), max(points[a, 1], points[b, 1], points[c, 1])
+        u0, u1 = max(math.ceil(x0), 0) // TILE, (min(math.ceil(x1), width) - 1) // TILE
+        v0, v1 = max(math.ceil(y0), 0) // TILE, (min(math.ceil(y1), height) - 1) // TILE
+        up = 0 if alike else np.int64(area_of(points, a, b, c) < 0)
+        boxes[p, 0], boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4] = u0, u1, v0, v1, up
+        for v in range(v0, v1 + 1):
+            for u in range(u0, u1 + 1):
+                if alike:
+                    seen[v, u, 1] |= seen[v, u, 0] & masks[p]
+                seen[v, u, up] |= masks[p]
+    out, k = np.empty(chosen.shape[0], np.int32), 0
+    for p in range(chosen.shape[0]):
+        wanted, other = np.int64(0), 1 - boxes[p, 4]
+        for v in range(boxes[p, 2], boxes[p, 3] + 1):
+            for u in range(boxes[p, 0], boxes[p, 1] + 1):
+                wanted |= masks[p] & seen[v, u, other]
+        if wanted:
+            out[k] = chosen[p]
+            k += 1
+    return out[:k].copy()
 
 
 @njit
@@ -203,16 +247,15 @@ def facet_runs(points, faces, chosen, low, high, width, height):  # type: ignore
     return runs[:n].copy(), slopes[:n].copy()
 
 
-@njit(MASKS(RUNS, SLOPES, HEIGHTS, types.int64), cache=True, nogil=True)
-def intervals_of(runs, slopes, edges, q0):  # type: ignore[no-untyped-def]
-    """Of each run a mask of the intervals it reaches into, of the slab from interval q0 on."""
+@njit(MASKS(RUNS, SLOPES, HEIGHTS), cache=True, nogil=True)
+def intervals_of(runs, slopes, edges):  # type: ignore[no-untyped-def]
+    """Of each run a mask of the intervals it reaches into, of the slab with these edges."""
     masks = np.empty(runs.shape[0], np.int64)
-    count = min(edges.shape[0] - 1 - q0, SLAB)
-    slab = edges[q0 : q0 + count + 1]
+    count = edges.shape[0] - 1
     for r in range(runs.shape[0]):
         one, other = run_z(slopes, r, runs[r, 1]), run_z(slopes, r, runs[r, 2] - 1)
-        first = min(max(below(slab, min(one, other)) - 1, 0), count - 1)
-        last = min(max(below(slab, max(one, other)) - 1, 0), count - 1)
+        first = min(max(below(edges, min(one, other)) - 1, 0), count - 1)
+        last = min(max(below(edges, max(one, other)) - 1, 0), count - 1)
         masks[r] = (np.int64(2) << last) - (np.int64(1) << first)
     return masks
 

@@ -26,7 +26,7 @@ from layerfix.layers.columns import Room
 from layerfix.layers.components import root_of
 from layerfix.layers.neighbours import bit_at
 from layerfix.mesh.crossings import KEYS, Z_BITS, crossings, longer
-from layerfix.mesh.facet_runs import SLAB, facet_runs, intervals_of, paired, slabs_of
+from layerfix.mesh.facet_runs import SLAB, SLAB_FACETS, facet_runs, intervals_of, may_pair, paired, slabs_of
 from layerfix.mesh.fill import BITS, EVEN_ODD, ONE, SEGMENTS, below, row_crossings, sort, winding_is_inside
 from layerfix.stack import Remembered
 
@@ -258,6 +258,7 @@ class Sheets:
     _edges: NDArray[np.float64] = field(init=False)  # of the intervals between mid-planes, q below layer q
     _keys: Callable[[int], NDArray[np.int64]] = field(init=False)  # of an interval
     _runs: Callable[[int], Runs] = field(init=False)  # of a slab
+    _span: int = field(init=False)  # intervals of one
 
     def __post_init__(self) -> None:
         """Sort the facets into slabs."""
@@ -265,26 +266,34 @@ class Sheets:
         ends = min(z.min(), planes[0]) - 1.0, max(z.max(), planes[-1]) + 1.0
         edges = np.concatenate([ends[:1], planes, ends[1:]])
         width, height = self.size_px
-        starts, chosen = slabs_of(self.points, self.faces, edges, width, height)
+        span = SLAB
+        while span > 1 and len(self.faces) * span > SLAB_FACETS * len(planes):
+            span //= 2
+        starts, chosen = slabs_of(self.points, self.faces, edges, span, width, height)
 
         alike = self.rule == EVEN_ODD  # facets that face the same way can bound a stretch, too
 
-        def whole(slab: int) -> Runs:
-            q0 = slab * SLAB
-            ends = float(edges[q0]), float(edges[min(q0 + SLAB, len(edges) - 1)])
-            mine = chosen[starts[slab] : starts[slab + 1]]
+        def runs_of(slab: int, mine: NDArray[np.int32]) -> Runs:
+            between = edges[slab * span : (slab + 1) * span + 1]
+            ends = float(between[0]), float(between[-1])
             runs, slopes = facet_runs(self.points, self.faces, mine, *ends, width, height)
-            return runs, slopes, intervals_of(runs, slopes, edges, q0)
+            return runs, slopes, intervals_of(runs, slopes, between)
+
+        def facets(slab: int) -> NDArray[np.int32]:
+            mine: NDArray[np.int32] = chosen[starts[slab] : starts[slab + 1]]
+            return mine
 
         def both_ways(slab: int) -> tuple[Runs, int]:
-            found: Runs = paired(*whole(slab), width, height, alike)
+            between = edges[slab * span : (slab + 1) * span + 1]
+            mine = may_pair(self.points, self.faces, facets(slab), between, width, height, alike)
+            found: Runs = paired(*runs_of(slab, mine), width, height, alike)
             return found, int(np.bitwise_or.reduce(found[2]))
 
         slabs = Remembered(both_ways, 4)
 
         def interval(q: int) -> NDArray[np.int64]:
-            runs, any_of = slabs(q // SLAB)
-            which = 1 << q % SLAB
+            runs, any_of = slabs(q // span)
+            which = 1 << q % span
             if not any_of & which:
                 return NONE
             between = float(edges[q]), float(edges[q + 1])
@@ -292,7 +301,8 @@ class Sheets:
 
         object.__setattr__(self, "_keys", Remembered(interval, 16))
         object.__setattr__(self, "_edges", edges)
-        object.__setattr__(self, "_runs", Remembered(whole, 4))
+        object.__setattr__(self, "_span", span)
+        object.__setattr__(self, "_runs", Remembered(lambda slab: runs_of(slab, facets(slab)), 3))
 
     def cover(self, index: int, rows: Rows, segments: NDArray[np.float64], share: float) -> int:
         """Make a layer's pixels solid where the solid over them fills so much of it (`z_sampling="overlap"`).
@@ -314,11 +324,12 @@ class Sheets:
         # A stretch that reaches deeper into a neighbour fills as much of this layer, or is the neighbour's.
         within = max(low, bounds[1] - deepest - clear), min(high, bounds[2] + deepest + clear)
         first, stop = np.searchsorted(self._edges, within).clip(1, last + 2).tolist()
-        slab, end = (first - 1) // SLAB, (stop - 1) // SLAB
-        runs, which = self._runs(slab), sum(1 << q % SLAB for q in range(first - 1, stop))
-        if slab != end:  # on their border
-            pairs = zip(runs, self._runs(end), strict=True)
-            runs, which = tuple(np.concatenate(pair) for pair in pairs), ALL_INTERVALS
+        slabs = range((first - 1) // self._span, (stop - 1) // self._span + 1)
+        if len(slabs) == 1:
+            runs, which = self._runs(slabs[0]), sum(1 << q % self._span for q in range(first - 1, stop))
+        else:
+            parts = zip(*map(self._runs, slabs), strict=True)
+            runs, which = tuple(np.concatenate(part) for part in parts), ALL_INTERVALS
         keys = self._crossings(runs, which, (float(low), float(high)), within, always, True)
         if not len(keys):
             return 0
