@@ -128,7 +128,8 @@ class Executors:
         if attempts[chunk[0]] >= ATTEMPTS or not self._anew():
             raise InputError(
                 f"the workers ({self.name}) died {attempts[chunk[0]]} times over the same poses, perhaps for want of"
-                " memory; nothing but the log is left"
+                " memory; nothing but the log is left. (A script that starts processes keeps what it does under"
+                ' `if __name__ == "__main__":`, since each of them imports it)'
             )
 
     def close(self) -> None:
