@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -439,3 +440,21 @@ def test_objectives_are_shared_by_searches():
     objective = Objective(thin_part(), Printing((0.2, 0.2), 0.2, 0.6))
     pose = pose_of([0.3, 0.2, 1])
     assert objective.count(pose) == objective.count(pose)
+
+
+def test_the_right_way_up_is_not_bought_with_correction(monkeypatch):
+    """A direction is turned over, for less support, only if it needs no more correction then."""
+    part = thin_part().transformed(Pose(0.9, 0.4).matrix)
+    how = {"pixel_mm": (0.1, 0.1), "layer_mm": 0.1, "min_feature_mm": 0.8}
+    free = lf.orient(part, method="quick", **how).best
+    up = free.pose.direction
+    counted = Objective.count
+
+    def dearer(self: Objective, pose: Pose, *some: Any, **more: Any) -> Counts:
+        counts = counted(self, pose, *some, **more)
+        return counts._replace(added=3 * counts.added + 100) if pose.direction @ up > 0.5 else counts
+
+    monkeypatch.setattr(Objective, "count", dearer)
+    found = lf.orient(part, method="quick", **how).best
+    assert found.pose.direction @ up < 0.5
+    assert found.mean_px is not None

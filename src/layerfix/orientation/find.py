@@ -18,7 +18,7 @@ from layerfix.orientation.directions import AS_GIVEN, Pose, distinct, fibonacci,
 from layerfix.orientation.executors import engine_for
 from layerfix.orientation.objective import Objective, Printing
 from layerfix.orientation.outcome import Candidate, Orientation, candidate_of, chosen_aims, front_of
-from layerfix.orientation.race import QUICK, RACE, angles_of, race
+from layerfix.orientation.race import QUICK, RACE, race
 from layerfix.orientation.record import Record
 from layerfix.orientation.search import Search, State
 from layerfix.stack import pitch_mm
@@ -213,7 +213,8 @@ def _outcome(search: Search, options: Options, pose: Pose, interrupted: bool) ->
 
 def _candidate(search: Search, pose: Pose) -> Candidate:
     assert search.aims is not None
-    turned = [search.seen[p] for p in angles_of(search, pose, 4) if p in search.seen and search.seen[p].whole]
+    alike = (p for p in search.seen if (p.theta1, p.theta2) == (pose.theta1, pose.theta2))
+    turned = [search.seen[p] for p in alike if search.seen[p].whole]
     mean_px = sum(c.added + c.removed for c in turned) / len(turned) if len(turned) > 1 else None
     return candidate_of(search.aims, search.objective, pose, search.seen[pose], mean_px)
 

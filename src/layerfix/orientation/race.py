@@ -85,7 +85,7 @@ def race(search: Search, plan: Plan) -> Pose:
     search.counts(poses)
     _screen(search, plan)
     _walk(search, plan)
-    return _final(search, plan)
+    return _final(search, plan, poses)
 
 
 def _fitting(search: Search, poses: Sequence[Pose]) -> list[Pose]:
@@ -143,17 +143,28 @@ def mean_value(search: Search, pose: Pose, count: int) -> float:
     return float(np.mean(search.values(angles_of(search, pose, count))))
 
 
-def _final(search: Search, plan: Plan) -> Pose:
+def _final(search: Search, plan: Plan, given: Sequence[Pose]) -> Pose:
+    """The best direction and angle. Beside one that a walk came to stands the face or axis it is near, if there is
+    one: the walk went by C at one angle, where a slanted thread may be luckier than an upright one."""
     search.begin("in-plane angles")
-    best = search.whole()
-    finalists = [best[k] for k in distinct([p.direction for p in best], spacing(plan.directions))[: plan.finalists]]
+    best, apart = search.whole(), spacing(plan.directions)
+    finalists = [best[k] for k in distinct([p.direction for p in best], apart)[: plan.finalists]]
+    finalists += [
+        pose
+        for pose in given
+        if pose not in finalists and any(abs(pose.direction @ one.direction) > math.cos(apart) for one in finalists)
+    ]
     search.counts([turned for pose in finalists for turned in angles_of(search, pose, plan.angles)])
-    means = [mean_value(search, pose, plan.angles) for pose in finalists]
-    order = sorted(range(len(finalists)), key=lambda k: means[k])
-    tied = [finalists[k] for k in order if _ties(means[k], means[order[0]])][: plan.swept]
+    means = {pose: mean_value(search, pose, plan.angles) for pose in finalists}
+    order = sorted(finalists, key=lambda pose: means[pose])
+    tied = [pose for pose in order if _ties(means[pose], means[order[0]])][: plan.swept]
     search.begin("best in-plane angles")
     upright = search.aims.upright if search.aims is not None else (lambda pose, counts: pose)
-    tied = [pose if pose == AS_GIVEN else upright(pose, search.seen[pose]) for pose in tied]
+    # The right way up, unless that is not as good: where there is little to correct, the two ways differ.
+    ways = {pose: pose if pose == AS_GIVEN else upright(pose, search.seen[pose]) for pose in tied}
+    search.counts([turned for pose in ways.values() for turned in angles_of(search, pose, plan.angles)])
+    means = {pose: mean_value(search, pose, plan.angles) for pose in (*ways, *ways.values())}
+    tied = [other if _ties(means[other], means[pose]) else pose for pose, other in ways.items()]
     search.counts([turned for pose in tied for turned in angles_of(search, pose, plan.sweep)])
     swept = [min(angles_of(search, pose, plan.sweep), key=search.value) for pose in tied]
     lowest = min(search.value(pose) for pose in swept)
