@@ -30,10 +30,8 @@ def shell(layers: int) -> lf.LayerStack:
 def peak_gb(code: str) -> str:
     """The most memory that a fresh process held, after it made the stack and after it ran `code`."""
     script = (
-        "import resource; from tests.benchmarks.surface import *\n"
-        f"stack = shell({LAYERS})\n"
-        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
-        f"{code}\nprint(before / 2**20, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)"
+        "from tests.benchmarks import measuring; from tests.benchmarks.surface import *\n"
+        f"stack = shell({LAYERS})\nbefore = measuring.peak_gb()\n{code}\nprint(before, measuring.peak_gb())"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     before, after = map(float, done.stdout.split())
@@ -41,7 +39,6 @@ def peak_gb(code: str) -> str:
 
 
 def run() -> None:
-    # First, since a process is told the peak of the one that started it.
     print(f"memory, GB: stack → surface {peak_gb('voxel_surface(stack)')};", end=" ")
     print(f"with simplification {peak_gb('lf.surface_mesh(stack)')}\n")
     rows = []

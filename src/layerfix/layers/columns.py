@@ -12,7 +12,7 @@ word and one row, so that no neighbour needs a test. Rows come in blocks of BLOC
 from __future__ import annotations
 
 from threading import local
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import types
@@ -22,8 +22,6 @@ from layerfix.kernels import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from layerfix.stack import Layer
 
 BLOCK = 8  # rows; the unit in which kernels note what changed or is empty
 BOX = types.UniTuple(types.int64, 4)
@@ -99,45 +97,6 @@ class Room:
     def emptied(self, zeros: NDArray[np.uint64]) -> None:
         """Take back what `zeros` gave."""
         self._local.zeros = zeros
-
-
-Result = TypeVar("Result")
-
-
-class Latest(Generic[Result]):
-    """What became of the layer that each thread had last: upright walls make layers that are alike."""
-
-    def __init__(self) -> None:
-        self._local = local()
-
-    def __reduce__(self) -> tuple[type[Latest[Result]], tuple[()]]:
-        """A pickled one is empty."""
-        return Latest, ()
-
-    def of(self, layer: Layer) -> Result | None:
-        """What `keep` was told of a layer with the same pixels and small pieces, if it was the last."""
-        kept: tuple[Layer, Result] | None = getattr(self._local, "kept", None)
-        if kept is None or kept[0].rows.shape != layer.rows.shape or not same_rows(kept[0].rows, layer.rows):
-            return None
-        small, other = kept[0].small, layer.small
-        alike = small is other if small is None or other is None else np.array_equal(small, other)
-        return kept[1] if alike else None
-
-    def keep(self, layer: Layer, result: Result) -> None:
-        """Remember it instead of the one before."""
-        self._local.kept = layer, result
-
-
-@njit(types.boolean(ROWS, ROWS), cache=True, nogil=True)
-def same_rows(rows, other):  # type: ignore[no-untyped-def]
-    """Whether two layers of one size are alike."""
-    for y in range(rows.shape[0]):
-        here, there, differs = rows[y], other[y], U0
-        for w in range(here.shape[0]):
-            differs |= here[w] ^ there[w]
-        if differs != U0:
-            return False
-    return True
 
 
 @njit(WORK(ROWS, BOX), cache=True, nogil=True)

@@ -16,12 +16,13 @@ from numba import types
 from layerfix.bits import ROWS, WORK, pack, popcount, unpack
 from layerfix.errors import InputError
 from layerfix.kernels import njit
-from layerfix.layers.columns import BOX, Latest, Room, fill_columns, to_rows
+from layerfix.layers.columns import BOX, Room, fill_columns, to_rows
 from layerfix.layers.components import smaller_than
 from layerfix.layers.drawing import box_with_reach, draw_paths, missing_places
 from layerfix.layers.feature import Feature, Radius, feature_of_mm, feature_of_size
 from layerfix.layers.gaps import GROWS, Conflict, Grow, centres_apart, grow_apart, one_by_one, void_parts
 from layerfix.layers.heights import Raised, with_min_layers
+from layerfix.layers.latest import Latest
 from layerfix.layers.print_paths import IMAGES_OF_LAYER, printed_and_paths, tool_of
 from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule
 from layerfix.layers.specks import with_specks
@@ -120,11 +121,8 @@ def _corrected(
     conflicts: list[Found] = []
     gap_px = None if free is None else free.gap_px
     tool = tool_of(feature, spurs)
-    if (
-        printed_and_paths(images, tool, room, whole=gap_px is not None, draw=not shifts)
-        and free is not None
-        and shifts
-    ):
+    found_any = printed_and_paths(images, tool, room, whole=gap_px is not None, draw=not shifts)
+    if found_any and shifts and free is not None:
         centres, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
         draw_paths(centres, printed, *disc, spare)
     dots = np.empty_like(solid) if small is not None else solid
@@ -280,12 +278,12 @@ class _Correction:
         known = self.latest.of(layer) if pixels_only else None
         if known is not None and known[0] is self._feature(layer):
             return _at_height(known[1], layer)
-        done = self._corrected(layer)
+        done = self._worked_on(layer)
         if pixels_only:
             self.latest.keep(layer, (self._feature(layer), done))
         return done
 
-    def _corrected(self, layer: Layer) -> Layer:
+    def _worked_on(self, layer: Layer) -> Layer:
         feature, pixel_mm = self._feature(layer), self.pixel_mm
         specks = smaller_than(layer.rows, self.ignore_px) if self.ignore_px > 0 else None
         if layer.specks is not None:

@@ -46,7 +46,8 @@ def tool_of(feature: Feature, spurs: Spurs) -> Tool:
 
 
 @njit
-def _any_lost(solid, printed):  # type: ignore[no-untyped-def]
+def _misses_any(solid, printed):  # type: ignore[no-untyped-def]
+    """Whether S has a pixel that is not printed."""
     lost = U0
     for w in range(solid.shape[0]):
         here, there = solid[w], printed[w]
@@ -69,7 +70,7 @@ def find_printed(images, tool, plan, zeros, whole, draw):  # type: ignore[no-unt
     scratch = images[5:]
     anchor_columns(solid, half_widths, bx, by, anchor, scratch[0])
     open_columns(anchor, half_widths, printed, scratch[0])
-    if by_size and not whole and not _any_lost(solid, printed):
+    if by_size and not whole and not _misses_any(solid, printed):
         for w in range(paths.shape[0]):
             for y in range(paths.shape[1]):
                 paths[w, y] = U0

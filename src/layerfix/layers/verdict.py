@@ -11,7 +11,7 @@ from numba import types
 
 from layerfix.bits import WORK, popcount
 from layerfix.kernels import njit
-from layerfix.layers.columns import Latest, Room, fill_columns
+from layerfix.layers.columns import Room, fill_columns
 from layerfix.layers.components import (
     AREA,
     RUNS,
@@ -27,6 +27,7 @@ from layerfix.layers.drawing import (
 )
 from layerfix.layers.feature import Feature, feature_of_mm
 from layerfix.layers.gaps import one_by_one
+from layerfix.layers.latest import Latest
 from layerfix.layers.print_paths import IMAGES_OF_LAYER, PATHS, SOLID, printed_and_paths, tool_of
 from layerfix.layers.skeleton import Spurs, check_spurs
 from layerfix.layers.thickness import narrowest

@@ -50,6 +50,34 @@ def _may_cover(points, a, b, c, width, height):  # type: ignore[no-untyped-def]
     )
 
 
+@njit
+def by_slabs(reach, slabs):  # type: ignore[no-untyped-def]
+    """(starts, facets): out[starts[s] : starts[s + 1]] are those that reach into slab s, if reach (n, 2) holds each
+    one's first slab and the one past its last."""
+    starts = np.zeros(slabs + 1, np.int64)
+    for t in range(reach.shape[0]):
+        for s in range(reach[t, 0], reach[t, 1]):
+            starts[s + 1] += 1
+    for s in range(slabs):
+        starts[s + 1] += starts[s]
+    out = np.empty(starts[slabs], np.int32)
+    where = starts.copy()
+    for t in range(reach.shape[0]):
+        for s in range(reach[t, 0], reach[t, 1]):
+            out[where[s]] = t
+            where[s] += 1
+    return starts, out
+
+
+@njit
+def _intervals(edges, low, high):  # type: ignore[no-untyped-def]
+    """A mask of the intervals of a slab, edges[q] < z ≤ edges[q + 1], that low … high reaches into; the ends take
+    what lies beyond."""
+    last = edges.shape[0] - 2
+    first = min(max(below(edges, low) - 1, 0), last)
+    return (np.int64(2) << min(max(below(edges, high) - 1, 0), last)) - (np.int64(1) << first)
+
+
 @njit(
     types.Tuple((types.Array(types.int64, 1, "C"), INDICES))(
         POINTS, TRIANGLES, HEIGHTS, types.int64, types.int64, types.int64
@@ -59,28 +87,14 @@ def _may_cover(points, a, b, c, width, height):  # type: ignore[no-untyped-def]
 )
 def slabs_of(points, faces, edges, span, width, height):  # type: ignore[no-untyped-def]
     """Facets that may cover a centre, by the slabs of `span` intervals edges[q] < z ≤ edges[q + 1] they are in."""
-    slabs = (edges.shape[0] - 1 + span - 1) // span
-    starts = np.zeros(slabs + 1, np.int64)
-    slab = np.zeros((faces.shape[0], 2), np.int32)
+    reach = np.zeros((faces.shape[0], 2), np.int32)
     for t in range(faces.shape[0]):
         a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
-        if not _may_cover(points, a, b, c, width, height):
-            continue
-        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
-        first = max(below(edges, min(za, zb, zc)) - 1, 0)
-        last = max(below(edges, max(za, zb, zc)) - 1, 0)
-        slab[t, 0], slab[t, 1] = first // span, last // span + 1
-        for s in range(slab[t, 0], slab[t, 1]):
-            starts[s + 1] += 1
-    for s in range(slabs):
-        starts[s + 1] += starts[s]
-    out = np.empty(starts[slabs], np.int32)
-    where = starts.copy()
-    for t in range(faces.shape[0]):
-        for s in range(slab[t, 0], slab[t, 1]):
-            out[where[s]] = t
-            where[s] += 1
-    return starts, out
+        if _may_cover(points, a, b, c, width, height):
+            za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
+            reach[t, 0] = max(below(edges, min(za, zb, zc)) - 1, 0) // span
+            reach[t, 1] = max(below(edges, max(za, zb, zc)) - 1, 0) // span + 1
+    return by_slabs(reach, (edges.shape[0] - 1 + span - 1) // span)
 
 
 @njit(
@@ -94,13 +108,10 @@ def may_pair(points, faces, chosen, edges, width, height, alike):  # type: ignor
     across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
     seen = np.zeros((along, across, 2), np.int64)
     boxes, masks = np.empty((chosen.shape[0], 5), np.int32), np.empty(chosen.shape[0], np.int64)
-    count = edges.shape[0] - 1
     for p in range(chosen.shape[0]):
         a, b, c = faces[chosen[p], 0], faces[chosen[p], 1], faces[chosen[p], 2]
         za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
-        first = min(max(below(edges, min(za, zb, zc)) - 1, 0), count - 1)
-        last = min(max(below(edges, max(za, zb, zc)) - 1, 0), count - 1)
-        masks[p] = (np.int64(2) << last) - (np.int64(1) << first)
+        masks[p] = _intervals(edges, min(za, zb, zc), max(za, zb, zc))
         x0, x1 = min(points[a, 0], points[b, 0], points[c, 0]), max(points[a, 0], points[b, 0], points[c, 0])
         y0, y1 = min(points[a, 1], points[b, 1], points[c, 1]), max(points[a, 1], points[b, 1], points[c, 1])
         u0, u1 = max(math.ceil(x0), 0) // TILE, (min(math.ceil(x1), width) - 1) // TILE
@@ -251,12 +262,9 @@ def facet_runs(points, faces, chosen, low, high, width, height):  # type: ignore
 def intervals_of(runs, slopes, edges):  # type: ignore[no-untyped-def]
     """Of each run a mask of the intervals it reaches into, of the slab with these edges."""
     masks = np.empty(runs.shape[0], np.int64)
-    count = edges.shape[0] - 1
     for r in range(runs.shape[0]):
         one, other = run_z(slopes, r, runs[r, 1]), run_z(slopes, r, runs[r, 2] - 1)
-        first = min(max(below(edges, min(one, other)) - 1, 0), count - 1)
-        last = min(max(below(edges, max(one, other)) - 1, 0), count - 1)
-        masks[r] = (np.int64(2) << last) - (np.int64(1) << first)
+        masks[r] = _intervals(edges, min(one, other), max(one, other))
     return masks
 
 

@@ -302,7 +302,7 @@ class Sheets:
         object.__setattr__(self, "_keys", Remembered(interval, 16))
         object.__setattr__(self, "_edges", edges)
         object.__setattr__(self, "_span", span)
-        object.__setattr__(self, "_runs", Remembered(lambda slab: runs_of(slab, facets(slab)), 3))
+        object.__setattr__(self, "_runs", Remembered(lambda slab: runs_of(slab, facets(slab)), 6))
 
     def cover(self, index: int, rows: Rows, segments: NDArray[np.float64], share: float) -> int:
         """Make a layer's pixels solid where the solid over them fills so much of it (`z_sampling="overlap"`).

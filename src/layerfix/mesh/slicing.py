@@ -27,6 +27,7 @@ from layerfix.layers.grey_image import GreyImage
 from layerfix.layers.grey_source import GreySource
 from layerfix.mesh.closing import close_gaps, edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
+from layerfix.mesh.facet_runs import by_slabs
 from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE, SEGMENTS, below, fill
 from layerfix.mesh.pieces import PLACES, small_pieces
 from layerfix.mesh.sheets import LEAST, Sheets
@@ -114,25 +115,13 @@ def _planes_cut(planes, low, high):  # type: ignore[no-untyped-def]
 )
 def bucket(points, faces, planes, slab_layers):  # type: ignore[no-untyped-def]
     """Triangles cut by any plane of each slab: (starts, faces), CSR."""
-    slabs = (planes.shape[0] + slab_layers - 1) // slab_layers
-    starts = np.zeros(slabs + 1, np.int64)
-    span = np.empty((faces.shape[0], 2), np.int32)
+    reach = np.zeros((faces.shape[0], 2), np.int32)
     for t in range(faces.shape[0]):
         a, b, c = points[faces[t, 0], 2], points[faces[t, 1], 2], points[faces[t, 2], 2]
         first, stop = _planes_cut(planes, min(a, b, c), max(a, b, c))
-        span[t, 0] = first // slab_layers
-        span[t, 1] = (stop - 1) // slab_layers + 1 if stop > first else span[t, 0]
-        for slab in range(span[t, 0], span[t, 1]):
-            starts[slab + 1] += 1
-    for slab in range(slabs):
-        starts[slab + 1] += starts[slab]
-    chosen = np.empty(starts[slabs], np.int32)
-    where = starts.copy()
-    for t in range(faces.shape[0]):
-        for slab in range(span[t, 0], span[t, 1]):
-            chosen[where[slab]] = t
-            where[slab] += 1
-    return starts, chosen
+        if stop > first:
+            reach[t, 0], reach[t, 1] = first // slab_layers, (stop - 1) // slab_layers + 1
+    return by_slabs(reach, (planes.shape[0] + slab_layers - 1) // slab_layers)
 
 
 @njit(SEGMENTS(POINTS, TRIANGLES, INDICES, types.float64), cache=True, nogil=True)
