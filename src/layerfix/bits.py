@@ -64,7 +64,7 @@ def unpack(rows: Rows, width: int) -> Image:
 # Kernels here and elsewhere carry no annotations ("no-untyped-def"): their types are numba's, stated in the
 # signature, or taken from the caller; what Python calls from outside is annotated.
 @njit
-def popcount(x):  # type: ignore[no-untyped-def]
+def popcount(x):  # type: ignore[no-untyped-def]  # numba types it
     """Set bits of one word (LLVM turns this into one instruction)."""
     x = x - ((x >> U1) & np.uint64(0x5555555555555555))
     x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
@@ -73,13 +73,13 @@ def popcount(x):  # type: ignore[no-untyped-def]
 
 
 @njit
-def lowest_bit(x):  # type: ignore[no-untyped-def]
+def lowest_bit(x):  # type: ignore[no-untyped-def]  # numba types it
     """Index of the lowest set bit of a word that is not 0."""
     return popcount((x & (U0 - x)) - U1)
 
 
 @njit
-def highest_bit(x):  # type: ignore[no-untyped-def]
+def highest_bit(x):  # type: ignore[no-untyped-def]  # numba types it
     """Index of the highest set bit of a word that is not 0."""
     x |= x >> U1
     x |= x >> np.uint64(2)
@@ -91,7 +91,7 @@ def highest_bit(x):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _put_mirrored(words, across, shift, line):  # type: ignore[no-untyped-def]
+def _put_mirrored(words, across, shift, line):  # type: ignore[no-untyped-def]  # numba types it
     """line[:] = words, mirrored along the columns if `across`; shift: bits past the width."""
     count = line.shape[0]
     if not across:
@@ -118,7 +118,7 @@ def _put_mirrored(words, across, shift, line):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(ROWS, types.int64, types.boolean, types.boolean, WORK), cache=True, nogil=True)
-def _mirror(rows, width, across, down, out):  # type: ignore[no-untyped-def]
+def _mirror(rows, width, across, down, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = rows, mirrored along its columns if `across`, along its rows if `down`; both may be one array."""
     height, words = rows.shape
     shift = np.uint64(64 * words - width)

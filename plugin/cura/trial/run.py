@@ -25,7 +25,7 @@ HERE = Path(__file__).resolve().parent
 PLUGIN = HERE.parent / "Layerfix"
 sys.path[:0] = [str(PLUGIN), str(HERE.parents[1])]
 import build  # noqa: E402  # found by the line above
-from frames import write_stl  # noqa: E402  # the same
+from frames import write_stl  # noqa: E402  # found by the line above the one before
 
 MACHINE = "creality_ender3"
 VERSION = "4.13"

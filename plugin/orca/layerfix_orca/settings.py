@@ -64,8 +64,8 @@ def settings_of(saved: str, host_value: Callable[[str], str | None]) -> Settings
 
 def _number(name: str, value: object) -> float:
     try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+        number = float(str(value))
+    except ValueError:
         number = -1.0
     if not 0 <= number < 1000:
         raise InputError(f"layerfix's {name} is {value!r}; it is a number from 0 to 1000")

@@ -17,14 +17,15 @@ def warm() -> None:
     import sys
 
     from layerfix.kernels import ready
+    from layerfix.layers.correction import MODES
 
     wall, dot = box(0, 0, 4, 0.2), box(6, 0, 6.1, 0.1)
     plate = [*box(0, 2, 6, 6), *box(1, 3, 2, 4, hole=True), *box(2.1, 3, 5, 5, hole=True)]
     corner = [np.array([[7, 2], [10, 2.4], [7, 2.8]])]
-    for mode in ("add_only", "as_printed"):
+    for mode in MODES:
         for gap_mm in (None, 0.1):
             regions = [[scaled(wall), scaled(plate), scaled(corner)], [scaled(dot), scaled(box(4, 0, 5, 0.2))]]
-            correct_regions(regions, min_feature_mm=0.4, unit_mm=UNIT_MM, mode=mode, keep_gaps_mm=gap_mm)  # type: ignore[arg-type]
+            correct_regions(regions, min_feature_mm=0.4, unit_mm=UNIT_MM, mode=mode, keep_gaps_mm=gap_mm)
     correct_regions([[]], min_feature_mm=0.4, unit_mm=UNIT_MM)
     ready(*[name for name in list(sys.modules) if name.startswith(("layerfix.layers.", "layerfix.outlines."))])
 

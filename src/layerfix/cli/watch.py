@@ -32,7 +32,7 @@ def options_of_fix(function: Function) -> Function:
     """Give a command the options of `layerfix fix`, in their groups."""
     # Copies, groups and all: a command takes the groups of its options for its own.
     own = deepcopy([parameter for parameter in fix.params if parameter.name not in NOT_HERE])
-    function.__click_params__ = [*getattr(function, "__click_params__", []), *reversed(own)]  # type: ignore[attr-defined]
+    function.__click_params__ = [*getattr(function, "__click_params__", []), *reversed(own)]  # type: ignore[attr-defined]  # where click looks for them
     return function
 
 

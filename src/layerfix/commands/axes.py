@@ -82,11 +82,11 @@ def judge_across(
     at = None
     if place is not None:
         left, bottom, right, top = place.box_mm
-        up = tuple(z + plate_mm(stack) for z in place.z_mm)
-        found = dict(zip(order, ((left, right), (bottom, top), up), strict=True))
+        low, high = (z + plate_mm(stack) for z in place.z_mm)
+        found = dict(zip(order, ((left, right), (bottom, top), (low, high)), strict=True))
         plate = float(mesh.bounds_mm[0, 2])
         at = (found[0], found[1], (found[2][0] - plate, found[2][1] - plate))
-    return AxisVerdict(axis, lost, slices, len(stack), float(narrow) if where >= 0 else None, at)  # type: ignore[arg-type]
+    return AxisVerdict(axis, lost, slices, len(stack), float(narrow) if where >= 0 else None, at)
 
 
 def line_of(found: AxisVerdict, min_feature_mm: float) -> tuple[str, str]:

@@ -51,7 +51,7 @@ class Room:
 
 
 @njit(types.void(MUTABLE_FIELD, POINTS, NUMBERS), cache=True, nogil=True)
-def splat(field, points, amounts):  # type: ignore[no-untyped-def]
+def splat(field, points, amounts):  # type: ignore[no-untyped-def]  # numba types it
     """Add amounts at points (n, 2), x, y in cells, shared between the four cells round each."""
     height, width = field.shape
     for k in range(points.shape[0]):
@@ -66,7 +66,7 @@ def splat(field, points, amounts):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(MUTABLE_FIELD, FIELD), cache=True, nogil=True)
-def shortage(laid, wanted):  # type: ignore[no-untyped-def]
+def shortage(laid, wanted):  # type: ignore[no-untyped-def]  # numba types it
     """laid = wanted / laid, at most MOST."""
     for j in range(laid.shape[0]):
         for i in range(laid.shape[1]):
@@ -77,7 +77,7 @@ def shortage(laid, wanted):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(FIELD, POINTS, NUMBERS, NUMBERS, NUMBERS), cache=True, nogil=True)
-def multiply(factor, points, spacings, lows, highs):  # type: ignore[no-untyped-def]
+def multiply(factor, points, spacings, lows, highs):  # type: ignore[no-untyped-def]  # numba types it
     """spacings *= factor at points (n, 2), x, y in cells, kept within lows … highs."""
     height, width = factor.shape
     for k in range(points.shape[0]):
@@ -91,7 +91,7 @@ def multiply(factor, points, spacings, lows, highs):  # type: ignore[no-untyped-
 
 
 @njit(types.Tuple((POINTS, STARTS))(POINTS, STARTS, types.float64), cache=True, nogil=True)
-def in_pieces(points, starts, longest):  # type: ignore[no-untyped-def]
+def in_pieces(points, starts, longest):  # type: ignore[no-untyped-def]  # numba types it
     """Polylines cut into pieces of at most `longest`: (m, 5) x, y of the middle, spacing, length, and which piece of
     the polylines it is part of, and the starts of the polylines in it.
 

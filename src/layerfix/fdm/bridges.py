@@ -56,7 +56,7 @@ class OverAir:
 
 
 @njit
-def _at(rows, x, y):  # type: ignore[no-untyped-def]
+def _at(rows, x, y):  # type: ignore[no-untyped-def]  # numba types it
     i, j = math.floor(x), math.floor(y)
     if i < 0 or j < 0 or j >= rows.shape[0] or i >= rows.shape[1] * 64:
         return False
@@ -64,7 +64,7 @@ def _at(rows, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _held(held, x, y, dx, dy, reach):  # type: ignore[no-untyped-def]
+def _held(held, x, y, dx, dy, reach):  # type: ignore[no-untyped-def]  # numba types it
     """Whether something holds a bead within `reach` px of its end."""
     found = False
     for k in range(1, reach + 1):
@@ -73,7 +73,7 @@ def _held(held, x, y, dx, dy, reach):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _lines(region, held, angle, step, reach):  # type: ignore[no-untyped-def]
+def _lines(region, held, angle, step, reach):  # type: ignore[no-untyped-def]  # numba types it
     """(length in all, of lines held at both ends, at one; how long they are, the long ones counting most; the longest
     held at both, at one) of lines `step` px apart through a region."""
     height, width = region.shape[0], region.shape[1] * 64
@@ -112,7 +112,7 @@ def _lines(region, held, angle, step, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(REGION(ROWS, ROWS, types.float64, types.int64), cache=True, nogil=True)
-def best_direction(region, held, step, reach):  # type: ignore[no-untyped-def]
+def best_direction(region, held, step, reach):  # type: ignore[no-untyped-def]  # numba types it
     """(angle, share of the length in lines held at both ends, longest line held at both, at one end), in px.
 
     region  packed rows over air

@@ -14,7 +14,7 @@ FALL = 3  # pixels over which a ridge falls where it ends
 
 
 @njit
-def _degree(mask, y, x):  # type: ignore[no-untyped-def]
+def _degree(mask, y, x):  # type: ignore[no-untyped-def]  # numba types it
     count = -1 if mask[y, x] else 0
     for dy in range(-1, 2):
         for dx in range(-1, 2):
@@ -23,7 +23,7 @@ def _degree(mask, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _follow(mask, y, x, y2, x2, points, n):  # type: ignore[no-untyped-def]
+def _follow(mask, y, x, y2, x2, points, n):  # type: ignore[no-untyped-def]  # numba types it
     """Walk from (y, x) to (y2, x2) and on to the next pixel without exactly two neighbours, marking what lies
     between with 2; returns how many points there are then."""
     points[n, 0], points[n, 1] = x, y
@@ -46,7 +46,7 @@ def _follow(mask, y, x, y2, x2, points, n):  # type: ignore[no-untyped-def]
 
 
 @njit(types.Tuple((POINTS, STARTS))(MASK, INDEX_LIST, INDEX_LIST), cache=True, nogil=True)
-def trace_lines(mask, rows, columns):  # type: ignore[no-untyped-def]
+def trace_lines(mask, rows, columns):  # type: ignore[no-untyped-def]  # numba types it
     """One-pixel lines as chains of pixels between ends and junctions: (n, 2) x, y and the starts of the chains.
 
     A lone pixel is a chain of one; a ring ends where it begins. mask: (H, W) uint8, 0 everywhere; it is written to.
@@ -93,7 +93,7 @@ def trace_lines(mask, rows, columns):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _between(field, x, y):  # type: ignore[no-untyped-def]
+def _between(field, x, y):  # type: ignore[no-untyped-def]  # numba types it
     """The field between its pixels, bilinear; 0 outside."""
     i, j = int(np.floor(x)), int(np.floor(y))
     if not (0 <= i < field.shape[1] - 1 and 0 <= j < field.shape[0] - 1):
@@ -105,7 +105,7 @@ def _between(field, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(POINTS(FIELD, types.float64, types.float64, types.float64, types.float64, types.int64), cache=True, nogil=True)
-def along_ridge(field, x, y, angle, slope, longest):  # type: ignore[no-untyped-def]
+def along_ridge(field, x, y, angle, slope, longest):  # type: ignore[no-untyped-def]  # numba types it
     """(n, 3) x, y and the field's value on the way along its ridge from (x, y), at most `longest` steps of a pixel.
 
     Each step turns by at most 36 degrees to where the field is highest, all together by MOST_TURN. The way ends
@@ -135,7 +135,7 @@ def along_ridge(field, x, y, angle, slope, longest):  # type: ignore[no-untyped-
 
 
 @njit(types.int64(FIELD, types.int64, types.int64, types.int64), cache=True, nogil=True)
-def spot_px(field, x, y, reach):  # type: ignore[no-untyped-def]
+def spot_px(field, x, y, reach):  # type: ignore[no-untyped-def]  # numba types it
     """How many pixels above 0 hang together (8-connected) with pixel (x, y).
 
     It is 0 if that is not above 0, or if one of them is farther than `reach` away.
@@ -167,7 +167,7 @@ def spot_px(field, x, y, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(types.boolean[::1](POINTS, types.float64), cache=True, nogil=True)
-def needed_points(points, tolerance):  # type: ignore[no-untyped-def]
+def needed_points(points, tolerance):  # type: ignore[no-untyped-def]  # numba types it
     """Which points of an open (n, 3) polyline x, y, width Douglas and Peucker keep: no point that is left out is
     farther than `tolerance` from the piece that replaces it, in place or in width."""
     n = points.shape[0]

@@ -22,7 +22,7 @@ LEAST_LENGTH = 0.5  # of its spacing: a shorter rest is no bead, and its neighbo
 
 
 @njit(types.void(MASK, POINTS), cache=True, nogil=True)
-def lay_discs(laid, points):  # type: ignore[no-untyped-def]
+def lay_discs(laid, points):  # type: ignore[no-untyped-def]  # numba types it
     """laid = 1 in the disc round each point: (n, 3) x, y, radius in px."""
     height, width = laid.shape
     for k in range(points.shape[0]):
@@ -34,7 +34,7 @@ def lay_discs(laid, points):  # type: ignore[no-untyped-def]
 
 
 @njit(types.float64[::1](MASK, POINTS), cache=True, nogil=True)
-def share_laid(laid, points):  # type: ignore[no-untyped-def]
+def share_laid(laid, points):  # type: ignore[no-untyped-def]  # numba types it
     """(n,) which share of the disc round each point, (n, 3) x, y, radius in px, is laid already."""
     height, width = laid.shape
     shares = np.zeros(points.shape[0])

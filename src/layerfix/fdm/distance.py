@@ -13,7 +13,7 @@ FAR = np.float32(1e9)
 
 
 @njit
-def _down_columns(rows, reach):  # type: ignore[no-untyped-def]
+def _down_columns(rows, reach):  # type: ignore[no-untyped-def]  # numba types it
     """(H, W) float32: rows to the nearest void pixel of the same column, at most `reach`; 0 where it is void."""
     height, words = rows.shape
     away = np.zeros((height, 64 * words), np.float32)
@@ -42,7 +42,7 @@ def _down_columns(rows, reach):  # type: ignore[no-untyped-def]
     nogil=True,
     fastmath={"nnan", "ninf"},
 )
-def edge_distance(rows, reach_px, pixel_mm, inset_mm):  # type: ignore[no-untyped-def]
+def edge_distance(rows, reach_px, pixel_mm, inset_mm):  # type: ignore[no-untyped-def]  # numba types it
     """(H, W) float32 mm from the edge of a packed layer, less `inset_mm`: negative outside, and right up to
     `reach_px`; what is deeper is as deep as that.
 
@@ -94,7 +94,7 @@ def edge_distance(rows, reach_px, pixel_mm, inset_mm):  # type: ignore[no-untype
 
 
 @njit(types.float32[:, ::1](ROWS, types.int64), cache=True, nogil=True)
-def share_of_cells(rows, size):  # type: ignore[no-untyped-def]
+def share_of_cells(rows, size):  # type: ignore[no-untyped-def]  # numba types it
     """(H / size, W / size) float32, rounded up: which share of each cell of size × size pixels is set; size ≤ 64."""
     height, words = rows.shape
     out = np.zeros((-(-height // size), -(-64 * words // size)), np.float32)

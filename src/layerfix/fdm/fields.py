@@ -26,7 +26,7 @@ VALUES = types.Array(types.float32, 1, "C")
 
 
 @njit(ROWS_OUT(FIELD, types.float32), cache=True, nogil=True)
-def bits_above(field, level):  # type: ignore[no-untyped-def]
+def bits_above(field, level):  # type: ignore[no-untyped-def]  # numba types it
     """Packed rows of the pixels where the field is above a level; the width is a multiple of 64."""
     height, words = field.shape[0], field.shape[1] // 64
     out = np.zeros((height, words), np.uint64)
@@ -41,7 +41,7 @@ def bits_above(field, level):  # type: ignore[no-untyped-def]
 
 
 @njit(ROWS_OUT(FIELD, FIELD, ROWS, types.float32, types.float32), cache=True, nogil=True)
-def bits_unexplained(remaining, local, thick, least, slack):  # type: ignore[no-untyped-def]
+def bits_unexplained(remaining, local, thick, least, slack):  # type: ignore[no-untyped-def]  # numba types it
     """Packed rows of the pixels that are deeper than `least` and than the thickness known there allows, by `slack`,
     and not thick (packed)."""
     height, words = remaining.shape[0], remaining.shape[1] // 64
@@ -57,7 +57,7 @@ def bits_unexplained(remaining, local, thick, least, slack):  # type: ignore[no-
 
 
 @njit(types.Tuple((INDEX_LIST, INDEX_LIST))(ROWS), cache=True, nogil=True)
-def pixels_of(rows):  # type: ignore[no-untyped-def]
+def pixels_of(rows):  # type: ignore[no-untyped-def]  # numba types it
     """(rows, columns) of all set bits."""
     count = 0
     for y in range(rows.shape[0]):
@@ -77,7 +77,7 @@ def pixels_of(rows):  # type: ignore[no-untyped-def]
 
 
 @njit(ROWS_OUT(FIELD, FIELD), cache=True, nogil=True)
-def bits_higher(field, level):  # type: ignore[no-untyped-def]
+def bits_higher(field, level):  # type: ignore[no-untyped-def]  # numba types it
     """Packed rows of the pixels where a field is above another; the width is a multiple of 64."""
     height, words = field.shape[0], field.shape[1] // 64
     out = np.zeros((height, words), np.uint64)
@@ -96,7 +96,7 @@ def bits_higher(field, level):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def half_spacings(half, local, thick, one, two, elsewhere):  # type: ignore[no-untyped-def]
+def half_spacings(half, local, thick, one, two, elsewhere):  # type: ignore[no-untyped-def]  # numba types it
     """half = half the spacing of the ring's bead: `elsewhere` where it is thick or nothing is known; where the
     thickness `local` is under `one` no loop fits; up to `two` it holds two beads, else three."""
     for y in range(half.shape[0]):
@@ -117,7 +117,7 @@ def half_spacings(half, local, thick, one, two, elsewhere):  # type: ignore[no-u
 
 
 @njit(types.void(MUTABLE_FIELD, FIELD, ROWS), cache=True, nogil=True)
-def take_off(remaining, half, keep):  # type: ignore[no-untyped-def]
+def take_off(remaining, half, keep):  # type: ignore[no-untyped-def]  # numba types it
     """remaining -= 2 · half, but for the pixels of `keep` (packed)."""
     for y in range(half.shape[0]):
         for w in range(keep.shape[1]):
@@ -132,7 +132,7 @@ def take_off(remaining, half, keep):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(FIELD, ROWS, MUTABLE_FIELD), cache=True, nogil=True)
-def copy_outside(field, where, target):  # type: ignore[no-untyped-def]
+def copy_outside(field, where, target):  # type: ignore[no-untyped-def]  # numba types it
     """target = field but for the pixels of `where` (packed)."""
     for y in range(field.shape[0]):
         for w in range(where.shape[1]):
@@ -146,7 +146,7 @@ def copy_outside(field, where, target):  # type: ignore[no-untyped-def]
 
 
 @njit(MUTABLE_FIELD(FIELD, ROWS, types.float32), cache=True, nogil=True)
-def field_within(field, where, level):  # type: ignore[no-untyped-def]
+def field_within(field, where, level):  # type: ignore[no-untyped-def]  # numba types it
     """The field less `level` on the pixels of `where` (packed), elsewhere -1, but BESIDE_MM where the field is above
     `level`: there is another region, which short ways may cross, and not the edge."""
     out = np.empty(field.shape, np.float32)
@@ -160,7 +160,7 @@ def field_within(field, where, level):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(MUTABLE_FIELD, INDICES, INDICES, VALUES, VALUES), cache=True, nogil=True)
-def paint_balls(field, rows, columns, radii_px, values):  # type: ignore[no-untyped-def]
+def paint_balls(field, rows, columns, radii_px, values):  # type: ignore[no-untyped-def]  # numba types it
     """field = max(field, value) in the disc of each radius (plus a pixel) round each pixel."""
     height, width = field.shape
     for k in range(rows.shape[0]):
@@ -174,7 +174,7 @@ def paint_balls(field, rows, columns, radii_px, values):  # type: ignore[no-unty
 
 
 @njit(types.void(MUTABLE_FIELD, ROWS, INDEX_LIST, INDEX_LIST, VALUES, types.float64), cache=True, nogil=True)
-def paint_ends(field, skeleton, rows, columns, values, radius_px):  # type: ignore[no-untyped-def]
+def paint_ends(field, skeleton, rows, columns, values, radius_px):  # type: ignore[no-untyped-def]  # numba types it
     """field = the value at each end of the skeleton (packed) round it, where it is still 0.
 
     The skeleton ends that far from the tip of the place, because its ends were shortened.
@@ -198,7 +198,7 @@ def paint_ends(field, skeleton, rows, columns, values, radius_px):  # type: igno
 
 
 @njit(MUTABLE_FIELD(FIELD, ROWS, INDEX_LIST, INDEX_LIST), cache=True, nogil=True)
-def middles(remaining, skeleton, rows, columns):  # type: ignore[no-untyped-def]
+def middles(remaining, skeleton, rows, columns):  # type: ignore[no-untyped-def]  # numba types it
     """(n, 3): thickness at pixels of the skeleton (packed), and how far the middle lies beside them, x and y, all in
     the unit of `remaining`, the distance to the edge.
 

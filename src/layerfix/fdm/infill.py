@@ -21,7 +21,7 @@ CHAINED = types.Tuple((POINTS, types.int64[::1]))
 
 
 @njit
-def _at(field, x, y):  # type: ignore[no-untyped-def]
+def _at(field, x, y):  # type: ignore[no-untyped-def]  # numba types it
     """The field between its pixels, bilinear; -1 outside."""
     if not (0 <= x < field.shape[1] - 1 and 0 <= y < field.shape[0] - 1):
         return -1.0
@@ -33,7 +33,7 @@ def _at(field, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(POINTS(FIELD, types.float64, types.float64, types.float64), cache=True, nogil=True)
-def scan(field, angle, spacing, offset):  # type: ignore[no-untyped-def]
+def scan(field, angle, spacing, offset):  # type: ignore[no-untyped-def]  # numba types it
     """(m, 5): line number, x, y of start and end of every stretch above 0 of parallel lines, line by line.
 
     Lines run along `angle` (radians), at multiples of `spacing` px plus `offset` from the field's corner.
@@ -82,7 +82,7 @@ def scan(field, angle, spacing, offset):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _clear(field, x0, y0, x1, y1, least):  # type: ignore[no-untyped-def]
+def _clear(field, x0, y0, x1, y1, least):  # type: ignore[no-untyped-def]  # numba types it
     """Whether the straight way between two points stays where the field is at least `least`."""
     steps = int(math.hypot(x1 - x0, y1 - y0)) + 1
     for k in range(steps + 1):
@@ -93,7 +93,7 @@ def _clear(field, x0, y0, x1, y1, least):  # type: ignore[no-untyped-def]
 
 
 @njit(CHAINED(FIELD, POINTS, types.float64, types.float64), cache=True, nogil=True)
-def join_lines(field, lines, longest, least):  # type: ignore[no-untyped-def]
+def join_lines(field, lines, longest, least):  # type: ignore[no-untyped-def]  # numba types it
     """(points (n, 2), starts): the lines of `scan` as zigzags.
 
     From the end of a line the way goes on to the nearest end on the next line that is at most `longest` px away

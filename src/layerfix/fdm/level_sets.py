@@ -21,7 +21,7 @@ GOES_OUT = np.array([-1, 0, 3, 3, 2, 0, 2, 2, 1, 0, 3, 3, 1, 0, 1, -1])
 
 
 @njit
-def _mixed_cells(high, y, w):  # type: ignore[no-untyped-def]
+def _mixed_cells(high, y, w):  # type: ignore[no-untyped-def]  # numba types it
     """Of the 64 cells that begin at word w of row y, those whose four corners are not all high or all low."""
     upper, lower = high[y, w], high[y + 1, w]
     right_upper, right_lower = upper >> U1, lower >> U1
@@ -33,19 +33,19 @@ def _mixed_cells(high, y, w):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _high(high, y, x):  # type: ignore[no-untyped-def]
+def _high(high, y, x):  # type: ignore[no-untyped-def]  # numba types it
     return np.int64((high[y, x >> 6] >> np.uint64(x & 63)) & U1)
 
 
 @njit
-def _saddle_joins(field, level, y, x):  # type: ignore[no-untyped-def]
+def _saddle_joins(field, level, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """Whether the middle of a cell is high."""
     above = field[y, x] + field[y, x + 1] + field[y + 1, x] + field[y + 1, x + 1]
     return above > level[y, x] + level[y, x + 1] + level[y + 1, x] + level[y + 1, x + 1]
 
 
 @njit
-def _segments(field, level, high):  # type: ignore[no-untyped-def]
+def _segments(field, level, high):  # type: ignore[no-untyped-def]  # numba types it
     """The level set as segments across cells: ((n, 3) y, x of the cell and the side it comes in by, (n,) the segment
     that goes on where each ends).
 
@@ -100,7 +100,7 @@ def _segments(field, level, high):  # type: ignore[no-untyped-def]
 
 
 @njit(types.Tuple((POINTS, STARTS))(FIELD, FIELD, ROWS), cache=True, nogil=True)
-def level_loops(field, level, high):  # type: ignore[no-untyped-def]
+def level_loops(field, level, high):  # type: ignore[no-untyped-def]  # numba types it
     """Where a field is as high as `level`, itself a field, as closed loops round what is higher: (n, 3) x, y and the
     level there, and the starts of the loops in it. Seen with y down, what is higher lies to the left of the way.
 

@@ -62,7 +62,7 @@ def limits_of(printer: Printer) -> Limits:
 
 
 @njit
-def _by_jerk(unit, speed, i, jerk):  # type: ignore[no-untyped-def]
+def _by_jerk(unit, speed, i, jerk):  # type: ignore[no-untyped-def]  # numba types it
     """Speed from move i − 1 into move i: as much of the slower cruise as no axis' jerk forbids. An axis that turns
     round stops in between, so each of its two speeds counts by itself."""
     slower = min(speed[i - 1], speed[i])
@@ -76,7 +76,7 @@ def _by_jerk(unit, speed, i, jerk):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _by_deviation(unit, speed, i, deviation, acceleration, jerk_e):  # type: ignore[no-untyped-def]
+def _by_deviation(unit, speed, i, deviation, acceleration, jerk_e):  # type: ignore[no-untyped-def]  # numba types it
     """Speed from move i − 1 into move i by the circle inside the corner, and by the jerk of E."""
     slower = min(speed[i - 1], speed[i])
     change = abs(unit[i, 3] - unit[i - 1, 3]) * slower
@@ -94,7 +94,7 @@ def _by_deviation(unit, speed, i, deviation, acceleration, jerk_e):  # type: ign
 
 
 @njit
-def _safe(unit, speed, i, jerk):  # type: ignore[no-untyped-def]
+def _safe(unit, speed, i, jerk):  # type: ignore[no-untyped-def]  # numba types it
     """Speed that a move may have from standstill at once."""
     safe = speed[i]
     for k in range(4):
@@ -104,7 +104,7 @@ def _safe(unit, speed, i, jerk):  # type: ignore[no-untyped-def]
 
 
 @njit(OUT(MOVES, NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS, types.float64), cache=True, nogil=True)
-def _seconds(delta, mm_s, mm_s2, most_mm_s, most_mm_s2, jerk, deviation):  # type: ignore[no-untyped-def]
+def _seconds(delta, mm_s, mm_s2, most_mm_s, most_mm_s2, jerk, deviation):  # type: ignore[no-untyped-def]  # numba types it
     n = delta.shape[0]
     out, unit = np.zeros(n), np.zeros((n, 4))
     length, speed, slope, entry = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n + 1)

@@ -22,14 +22,14 @@ WINDOW = 200  # how far along the order an exchange may reach: enough, and linea
 
 
 @njit
-def _away(ends, a, flip_a, b, flip_b):  # type: ignore[no-untyped-def]
+def _away(ends, a, flip_a, b, flip_b):  # type: ignore[no-untyped-def]  # numba types it
     """From the end of path a to the start of path b."""
     i, j = (0 if flip_a else 2), (2 if flip_b else 0)
     return np.hypot(ends[a, i] - ends[b, j], ends[a, i + 1] - ends[b, j + 1])
 
 
 @njit(types.Tuple((types.int64[::1], types.boolean[::1]))(ENDS, types.float64, types.float64), cache=True, nogil=True)
-def short_tour(ends, x, y):  # type: ignore[no-untyped-def]
+def short_tour(ends, x, y):  # type: ignore[no-untyped-def]  # numba types it
     """(order, flipped) of paths with (n, 4) ends x0, y0, x1, y1, beginning near (x, y)."""
     n = ends.shape[0]
     order, flip, used = np.empty(n, np.int64), np.zeros(n, np.bool_), np.zeros(n, np.bool_)

@@ -40,7 +40,7 @@ FOUND = types.Tuple((types.int64[::1], POINTS))
 
 
 @njit
-def _solid(rows, x, y):  # type: ignore[no-untyped-def]
+def _solid(rows, x, y):  # type: ignore[no-untyped-def]  # numba types it
     """Whether the pixel at (x, y), from the frame's corner, is solid."""
     i, j = math.floor(x), math.floor(y)
     if i < 0 or j < 0 or j >= rows.shape[0] or i >> 6 >= rows.shape[1]:
@@ -49,7 +49,7 @@ def _solid(rows, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _straight(rows, x0, y0, x1, y1, clear):  # type: ignore[no-untyped-def]
+def _straight(rows, x0, y0, x1, y1, clear):  # type: ignore[no-untyped-def]  # numba types it
     """Whether the way from one point to the other is solid, looked at every pixel and `clear` px beside it."""
     dx, dy = x1 - x0, y1 - y0
     length = math.hypot(dx, dy)
@@ -65,7 +65,7 @@ def _straight(rows, x0, y0, x1, y1, clear):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _free_cells(rows):  # type: ignore[no-untyped-def]
+def _free_cells(rows):  # type: ignore[no-untyped-def]  # numba types it
     """Cells whose core is solid."""
     height, width = rows.shape[0] // CELL, rows.shape[1] * 64 // CELL
     free = np.zeros((height, width), np.bool_)
@@ -83,12 +83,12 @@ def _free_cells(rows):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _octile(a, b):  # type: ignore[no-untyped-def]
+def _octile(a, b):  # type: ignore[no-untyped-def]  # numba types it
     return max(a, b) + (math.sqrt(2.0) - 1) * min(a, b)
 
 
 @njit
-def _push(heap, keys, n, key, value):  # type: ignore[no-untyped-def]
+def _push(heap, keys, n, key, value):  # type: ignore[no-untyped-def]  # numba types it
     k = n
     while k > 0 and keys[(k - 1) >> 1] > key:
         heap[k], keys[k] = heap[(k - 1) >> 1], keys[(k - 1) >> 1]
@@ -98,7 +98,7 @@ def _push(heap, keys, n, key, value):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _pop(heap, keys, n):  # type: ignore[no-untyped-def]
+def _pop(heap, keys, n):  # type: ignore[no-untyped-def]  # numba types it
     """(value, how many are left); the smallest key is at 0."""
     value = heap[0]
     n -= 1
@@ -118,7 +118,7 @@ def _pop(heap, keys, n):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _entrance(rows, free, x, y):  # type: ignore[no-untyped-def]
+def _entrance(rows, free, x, y):  # type: ignore[no-untyped-def]  # numba types it
     """The free cell nearest to a point that can be reached straight from it; -1 if there is none near."""
     i0, j0 = int(x) // CELL, int(y) // CELL
     best, nearest = -1, np.inf
@@ -132,7 +132,7 @@ def _entrance(rows, free, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _round(rows, free, x0, y0, x1, y1, longest, cost, came, seen, turn, heap, keys, out):  # type: ignore[no-untyped-def]
+def _round(rows, free, x0, y0, x1, y1, longest, cost, came, seen, turn, heap, keys, out):  # type: ignore[no-untyped-def]  # numba types it
     """Points of a way of at most `longest` px into `out`, ends not among them; how many, -1 if there is none.
 
     cost, came, seen: scratch of the cells; seen holds the `turn` in which a cell was last reached.
@@ -201,7 +201,7 @@ def _round(rows, free, x0, y0, x1, y1, longest, cost, came, seen, turn, heap, ke
 
 
 @njit(FOUND(ROWS, ENDS, types.boolean[::1], types.float64[::1]), cache=True, nogil=True)
-def find_ways(rows, ends, may, longest):  # type: ignore[no-untyped-def]
+def find_ways(rows, ends, may, longest):  # type: ignore[no-untyped-def]  # numba types it
     """(counts (n,), points (m, 2)): how many points each way has between its ends, -1 where it must leave the solid.
 
     rows     packed layer

@@ -28,7 +28,7 @@ BOX = types.UniTuple(types.int64, 4)
 
 
 @njit(BOX(ROWS), cache=True, nogil=True)
-def bounding_box(rows):  # type: ignore[no-untyped-def]
+def bounding_box(rows):  # type: ignore[no-untyped-def]  # numba types it
     """(first row, past the last row, first word, past the last word) of what is solid; zeros if empty."""
     height, words = rows.shape
     y0, y1, w0, w1 = height, 0, words, 0
@@ -55,7 +55,7 @@ def bounding_box(rows):  # type: ignore[no-untyped-def]
 
 
 @njit(BOX(BOX, types.int64, types.int64), cache=True, nogil=True)
-def with_border(box, reach_x, reach_y):  # type: ignore[no-untyped-def]
+def with_border(box, reach_x, reach_y):  # type: ignore[no-untyped-def]  # numba types it
     """The box grown by `reach_x` px (in whole words) and `reach_y` rows, and at least one word and row;
     it may begin before the frame and end after it."""
     y0, y1, w0, w1 = box
@@ -100,7 +100,7 @@ class Room:
 
 
 @njit(WORK(ROWS, BOX), cache=True, nogil=True)
-def to_columns(rows, outer):  # type: ignore[no-untyped-def]
+def to_columns(rows, outer):  # type: ignore[no-untyped-def]  # numba types it
     """What lies in `outer` as columns; empty where that is outside the frame."""
     y0, y1, w0, w1 = outer
     out = np.empty((w1 - w0, y1 - y0), np.uint64)
@@ -109,7 +109,7 @@ def to_columns(rows, outer):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(ROWS, BOX, WORK), cache=True, nogil=True)
-def fill_columns(rows, outer, out):  # type: ignore[no-untyped-def]
+def fill_columns(rows, outer, out):  # type: ignore[no-untyped-def]  # numba types it
     """The same into an array that is there, written everywhere."""
     y0, y1, w0, w1 = outer
     first, stop = max(w0, 0), min(w1, rows.shape[1])
@@ -125,7 +125,7 @@ def fill_columns(rows, outer, out):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, BOX, types.int64, WORK), cache=True, nogil=True)
-def to_rows(columns, outer, width, rows):  # type: ignore[no-untyped-def]
+def to_rows(columns, outer, width, rows):  # type: ignore[no-untyped-def]  # numba types it
     """OR columns back into a frame `width` pixels wide, leaving out what lies beyond it."""
     y0, y1, w0, w1 = outer
     first, stop = max(w0, 0), min(w1, rows.shape[1])

@@ -22,7 +22,7 @@ AREA, LEFT, TOP, RIGHT, BOTTOM = range(5)  # columns of `measured_parts`
 
 
 @njit
-def _longer(places, bits, count):  # type: ignore[no-untyped-def]
+def _longer(places, bits, count):  # type: ignore[no-untyped-def]  # numba types it
     """The same two lists with room for twice as many."""
     more_places, more_bits = np.empty((2 * bits.shape[0], 2), np.int32), np.empty(2 * bits.shape[0], np.uint64)
     for k in range(count):
@@ -31,7 +31,7 @@ def _longer(places, bits, count):  # type: ignore[no-untyped-def]
 
 
 @njit(types.UniTuple(NUMBERS, 2)(WORK), cache=True, nogil=True)
-def row_edges(columns):  # type: ignore[no-untyped-def]
+def row_edges(columns):  # type: ignore[no-untyped-def]  # numba types it
     """(starts, edges): edges[starts[y] : starts[y + 1]] are the x at which row y turns solid, void, solid …"""
     words, height = columns.shape
     starts, line = np.zeros(height + 1, np.int64), np.empty(height, np.uint64)
@@ -69,7 +69,7 @@ def row_edges(columns):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _runs_between(starts, edges, width, of_void):  # type: ignore[no-untyped-def]
+def _runs_between(starts, edges, width, of_void):  # type: ignore[no-untyped-def]  # numba types it
     """(n, 3) row, first, past the last of the runs of solid (or void) in rows with these edges."""
     height = starts.shape[0] - 1
     runs, n = np.empty((edges.shape[0] // 2 + (height if of_void else 0), 3), np.int64), 0
@@ -91,7 +91,7 @@ def _runs_between(starts, edges, width, of_void):  # type: ignore[no-untyped-def
 
 
 @njit
-def root_of(parent, k):  # type: ignore[no-untyped-def]
+def root_of(parent, k):  # type: ignore[no-untyped-def]  # numba types it
     """The run that stands for the component of run k."""
     while parent[k] != k:
         parent[k] = parent[parent[k]]
@@ -100,7 +100,7 @@ def root_of(parent, k):  # type: ignore[no-untyped-def]
 
 
 @njit
-def joined_runs(starts, edges, width, of_void):  # type: ignore[no-untyped-def]
+def joined_runs(starts, edges, width, of_void):  # type: ignore[no-untyped-def]  # numba types it
     """`label_runs` of rows with these edges."""
     runs = _runs_between(starts, edges, width, of_void)
     parent = np.empty(runs.shape[0], np.int64)
@@ -128,7 +128,7 @@ def joined_runs(starts, edges, width, of_void):  # type: ignore[no-untyped-def]
 
 
 @njit(types.Tuple((RUNS, NUMBERS, types.int64))(WORK, types.boolean), cache=True, nogil=True)
-def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
+def label_runs(columns, of_void):  # type: ignore[no-untyped-def]  # numba types it
     """Components of the solid (8-connected) or of the void (4-connected, with the border round the layer).
 
     Returns (runs (n, 3): row, first, past the last; for each run one of its component, that of the component's first
@@ -139,7 +139,7 @@ def label_runs(columns, of_void):  # type: ignore[no-untyped-def]
 
 
 @njit(types.Tuple((NUMBERS, RUNS))(RUNS, NUMBERS), cache=True, nogil=True)
-def measured_parts(runs, parent):  # type: ignore[no-untyped-def]
+def measured_parts(runs, parent):  # type: ignore[no-untyped-def]  # numba types it
     """What `label_runs` found, measured: ((n,) the number of each run's component; (components, 5): area, then left,
     top, right and bottom, the last two past the end)."""
     number = np.zeros(parent.shape[0], np.int64)
@@ -165,7 +165,7 @@ def measured_parts(runs, parent):  # type: ignore[no-untyped-def]
 
 
 @njit
-def has_bit(columns, of_void, y, first, stop):  # type: ignore[no-untyped-def]
+def has_bit(columns, of_void, y, first, stop):  # type: ignore[no-untyped-def]  # numba types it
     """Whether row y has a set (or clear) bit in first … stop - 1."""
     w0, w1 = first >> 6, (stop - 1) >> 6
     for w in range(w0, w1 + 1):
@@ -180,7 +180,7 @@ def has_bit(columns, of_void, y, first, stop):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _each_holds(outer, inner, of_void):  # type: ignore[no-untyped-def]
+def _each_holds(outer, inner, of_void):  # type: ignore[no-untyped-def]  # numba types it
     """Whether every component of the solid (or void) of `outer` has a pixel of that of `inner`."""
     runs, parent, _ = label_runs(outer, of_void)
     alive = np.zeros(parent.shape[0], np.bool_)
@@ -195,7 +195,7 @@ def _each_holds(outer, inner, of_void):  # type: ignore[no-untyped-def]
 
 
 @njit
-def same_topology(solid, kept, parts, voids):  # type: ignore[no-untyped-def]
+def same_topology(solid, kept, parts, voids):  # type: ignore[no-untyped-def]  # numba types it
     """Whether kept ⊆ solid has one component in each of the solid's, and one void round each of its voids.
 
     parts, voids: how many components and voids the solid has.
@@ -209,7 +209,7 @@ def same_topology(solid, kept, parts, voids):  # type: ignore[no-untyped-def]
 
 
 @njit(WORK(ROWS, types.int64), cache=True, nogil=True)
-def _smaller_than(rows, area_px):  # type: ignore[no-untyped-def]
+def _smaller_than(rows, area_px):  # type: ignore[no-untyped-def]  # numba types it
     out = np.zeros(rows.shape, np.uint64)
     outer = with_border(bounding_box(rows), 0, 0)
     runs, parent, _ = label_runs(to_columns(rows, outer), False)
@@ -233,7 +233,7 @@ def smaller_than(rows: Rows, area_px: float) -> Rows:
 
 
 @njit
-def _touches(rows, y, first, stop):  # type: ignore[no-untyped-def]
+def _touches(rows, y, first, stop):  # type: ignore[no-untyped-def]  # numba types it
     """Whether packed rows have a bit in columns first - 1 … stop of rows y - 1 … y + 1."""
     width = 64 * rows.shape[1]
     a, b = max(first - 1, 0), min(stop, width - 1)
@@ -250,7 +250,7 @@ def _touches(rows, y, first, stop):  # type: ignore[no-untyped-def]
 
 
 @njit(RUNS(ROWS, ROWS), cache=True, nogil=True)
-def _parts_apart(rows, other):  # type: ignore[no-untyped-def]
+def _parts_apart(rows, other):  # type: ignore[no-untyped-def]  # numba types it
     """Parts of a layer that touch nothing of another: area and box, in the frame's pixels."""
     outer = with_border(bounding_box(rows), 0, 0)
     runs, parent, _ = label_runs(to_columns(rows, outer), False)
@@ -274,7 +274,7 @@ def parts_apart(rows: Rows, other: Rows) -> NDArray[np.int64]:
 
 
 @njit(types.UniTuple(NUMBERS, 2)(ROWS, NUMBERS, NUMBERS), cache=True, nogil=True)
-def _components_at(rows, xs, ys):  # type: ignore[no-untyped-def]
+def _components_at(rows, xs, ys):  # type: ignore[no-untyped-def]  # numba types it
     outer = with_border(bounding_box(rows), 0, 0)
     columns = to_columns(rows, outer)
     runs, parent, _ = label_runs(columns, False)

@@ -48,7 +48,7 @@ MODES: tuple[Mode, ...] = get_args(Mode)
 
 
 @njit(types.UniTuple(types.int64, 3)(ROWS, WORK), cache=True, nogil=True)
-def _count_changes(before, after):  # type: ignore[no-untyped-def]
+def _count_changes(before, after):  # type: ignore[no-untyped-def]  # numba types it
     """(solid before, added, removed) in pixels."""
     solid, added, removed = 0, 0, 0
     for y in range(before.shape[0]):
@@ -69,7 +69,7 @@ def _count_changes(before, after):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def _finish(before, solid, paths, printed, outer, width, limit_mm, px_mm, py_mm, out):  # type: ignore[no-untyped-def]
+def _finish(before, solid, paths, printed, outer, width, limit_mm, px_mm, py_mm, out):  # type: ignore[no-untyped-def]  # numba types it
     """out |= what is printed, as rows. Returns (solid before, added, removed) in pixels, and how narrow S is on the
     paths."""
     to_rows(printed, outer, width, out)

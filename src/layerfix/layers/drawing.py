@@ -21,14 +21,14 @@ PLACES = types.Array(types.int64, 2, "C")
 
 
 @njit(BOX(ROWS, types.int64, types.int64), cache=True, nogil=True)
-def box_with_reach(rows, reach_x, reach_y):  # type: ignore[no-untyped-def]
+def box_with_reach(rows, reach_x, reach_y):  # type: ignore[no-untyped-def]  # numba types it
     """The box around the solid with room for that; zeros if the layer is empty."""
     box = bounding_box(rows)
     return box if box[1] == 0 else with_border(box, reach_x, reach_y)
 
 
 @njit(types.void(WORK, types.int64, types.int64, WORK), cache=True, nogil=True)
-def erode_by_block(columns, bx, by, out):  # type: ignore[no-untyped-def]
+def erode_by_block(columns, bx, by, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = the pixels of `columns` whose neighbours east (bx), south (by) and south-east (both) are set, too."""
     words, height = columns.shape
     out[0] = U0
@@ -45,7 +45,7 @@ def erode_by_block(columns, bx, by, out):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, types.int64, types.int64, WORK), cache=True, nogil=True)
-def dilate_by_block(columns, bx, by, out):  # type: ignore[no-untyped-def]
+def dilate_by_block(columns, bx, by, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = `columns` and its pixels moved east (bx), south (by) and south-east (both)."""
     words, height = columns.shape
     out[0] = U0
@@ -61,7 +61,7 @@ def dilate_by_block(columns, bx, by, out):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, HALF_WIDTHS, types.int64, types.int64, WORK, WORK), cache=True, nogil=True)
-def anchor_columns(columns, half_widths, bx, by, out, scratch):  # type: ignore[no-untyped-def]
+def anchor_columns(columns, half_widths, bx, by, out, scratch):  # type: ignore[no-untyped-def]  # numba types it
     """out = A, the erosion by F and what the block sweeps from there."""
     erode_columns(columns, half_widths, out, scratch)
     if bx or by:
@@ -70,7 +70,7 @@ def anchor_columns(columns, half_widths, bx, by, out, scratch):  # type: ignore[
 
 
 @njit
-def _any_lost(solid, kept, y, first, last):  # type: ignore[no-untyped-def]
+def _any_lost(solid, kept, y, first, last):  # type: ignore[no-untyped-def]  # numba types it
     """Whether row y has a pixel of `solid` that is not in `kept` among first … last."""
     a, b = max(first, 0), min(last, 64 * solid.shape[0] - 1)
     for w in range(a >> 6, (b >> 6) + 1):
@@ -85,7 +85,7 @@ def _any_lost(solid, kept, y, first, last):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _holds_lost(solid, kept, y, x, half_widths, bx, by):  # type: ignore[no-untyped-def]
+def _holds_lost(solid, kept, y, x, half_widths, bx, by):  # type: ignore[no-untyped-def]  # numba types it
     """Whether F around (y, x) holds a pixel of `solid` that is not in `kept`; the middle rows are looked at first."""
     for k in range(half_widths.shape[0]):
         first, last = x - half_widths[k], x + half_widths[k] + bx
@@ -98,7 +98,7 @@ def _holds_lost(solid, kept, y, x, half_widths, bx, by):  # type: ignore[no-unty
 
 @njit(types.boolean(WORK, WORK, WORK, WORK, HALF_WIDTHS, types.int64, types.int64, types.boolean, WORK),
       cache=True, nogil=True)  # fmt: skip
-def find_paths(solid, skeleton, anchor, opened, half_widths, bx, by, where_lost, paths):  # type: ignore[no-untyped-def]
+def find_paths(solid, skeleton, anchor, opened, half_widths, bx, by, where_lost, paths):  # type: ignore[no-untyped-def]  # numba types it
     """paths = the pixels of M̂ \\ A to draw (all of them unless `where_lost`); True if there are any."""
     seen = U0
     for w in range(solid.shape[0]):
@@ -117,7 +117,7 @@ def find_paths(solid, skeleton, anchor, opened, half_widths, bx, by, where_lost,
 
 
 @njit(types.void(WORK, WORK, HALF_WIDTHS, types.int64, types.int64, WORK), cache=True, nogil=True)
-def draw_paths(paths, target, half_widths, bx, by, scratch):  # type: ignore[no-untyped-def]
+def draw_paths(paths, target, half_widths, bx, by, scratch):  # type: ignore[no-untyped-def]  # numba types it
     """target |= paths ⊕ F; the border must be wide enough to hold it."""
     if bx or by:
         dilate_by_block(paths, bx, by, scratch)
@@ -133,7 +133,7 @@ def draw_paths(paths, target, half_widths, bx, by, scratch):  # type: ignore[no-
 
 
 @njit(types.int64(WORK, PLACES, types.int64, types.int64, WORK), cache=True, nogil=True)
-def missing_places(printed, places, top, left, out):  # type: ignore[no-untyped-def]
+def missing_places(printed, places, top, left, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = those of some pixels (row, column of the frame; the columns begin at top, left) that are not printed.
 
     Returns how many there are.
@@ -151,6 +151,6 @@ def missing_places(printed, places, top, left, out):  # type: ignore[no-untyped-
 
 
 @njit(types.void(WORK, HALF_WIDTHS, WORK, WORK), cache=True, nogil=True)
-def open_columns(anchor, half_widths, out, scratch):  # type: ignore[no-untyped-def]
+def open_columns(anchor, half_widths, out, scratch):  # type: ignore[no-untyped-def]  # numba types it
     """out = A ⊕ G = S ∘ F."""
     dilate_columns(anchor, half_widths, out, scratch)

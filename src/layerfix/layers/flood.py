@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @njit
-def _smear_up(seed, mask):  # type: ignore[no-untyped-def]
+def _smear_up(seed, mask):  # type: ignore[no-untyped-def]  # numba types it
     """Spread set bits to higher ones as far as `mask` goes on."""
     for shift in (1, 2, 4, 8, 16, 32):
         seed |= mask & (seed << np.uint64(shift))
@@ -23,7 +23,7 @@ def _smear_up(seed, mask):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _smear_down(seed, mask):  # type: ignore[no-untyped-def]
+def _smear_down(seed, mask):  # type: ignore[no-untyped-def]  # numba types it
     """Spread set bits to lower ones as far as `mask` goes on."""
     for shift in (1, 2, 4, 8, 16, 32):
         seed |= mask & (seed >> np.uint64(shift))
@@ -32,7 +32,7 @@ def _smear_down(seed, mask):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _fill_row(line, mask, beside):  # type: ignore[no-untyped-def]
+def _fill_row(line, mask, beside):  # type: ignore[no-untyped-def]  # numba types it
     """Take in what touches the row `beside`, then spread along the row. True if anything was added."""
     words = line.shape[0]
     changed = U0
@@ -65,7 +65,7 @@ def _fill_row(line, mask, beside):  # type: ignore[no-untyped-def]
 
 
 @njit(WORK(ROWS, ROWS), cache=True, nogil=True)
-def _flood(seed, mask):  # type: ignore[no-untyped-def]
+def _flood(seed, mask):  # type: ignore[no-untyped-def]  # numba types it
     height, words = mask.shape
     out = np.empty(mask.shape, np.uint64)
     for y in range(height):

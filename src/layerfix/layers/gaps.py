@@ -57,7 +57,7 @@ class Conflict:
 
 
 @njit(types.Tuple((NUMBERS, NUMBERS))(WORK, WORK), cache=True, nogil=True)
-def _missing(have, wanted):  # type: ignore[no-untyped-def]
+def _missing(have, wanted):  # type: ignore[no-untyped-def]  # numba types it
     """Pixels of `wanted` that are not in `have`, by rows: (where each row begins; their columns)."""
     words, height = wanted.shape
     starts, n = np.zeros(height + 1, np.int64), 0
@@ -79,7 +79,7 @@ def _missing(have, wanted):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _at_or_after(xs, first, stop, x):  # type: ignore[no-untyped-def]
+def _at_or_after(xs, first, stop, x):  # type: ignore[no-untyped-def]  # numba types it
     """The first of xs[first … stop - 1], which rise, that is at least x."""
     while first < stop:
         middle = (first + stop) // 2
@@ -96,7 +96,7 @@ def _at_or_after(xs, first, stop, x):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )  # fmt: skip
-def _distances(starts, xs, paths, reach_x, reach_y, offset_px, pixel_mm):  # type: ignore[no-untyped-def]
+def _distances(starts, xs, paths, reach_x, reach_y, offset_px, pixel_mm):  # type: ignore[no-untyped-def]  # numba types it
     """How far each pixel is from the middle of the nearest F that is drawn, in mm; inf if none reaches it."""
     out = np.full(xs.shape[0], np.inf)
     height = starts.shape[0] - 1
@@ -117,7 +117,7 @@ def _distances(starts, xs, paths, reach_x, reach_y, offset_px, pixel_mm):  # typ
 
 
 @njit(types.int64(WORK, NUMBERS, NUMBERS, NUMBERS), cache=True, nogil=True)
-def _grow(solid, starts, xs, order):  # type: ignore[no-untyped-def]
+def _grow(solid, starts, xs, order):  # type: ignore[no-untyped-def]  # numba types it
     """Add the pixels that are simple when their turn comes, or become so by what comes after. Returns how many."""
     ys = np.empty(xs.shape[0], np.int64)
     for y in range(starts.shape[0] - 1):
@@ -154,7 +154,7 @@ def _grow(solid, starts, xs, order):  # type: ignore[no-untyped-def]
 
 
 @njit(types.boolean(WORK, WORK), cache=True, nogil=True)
-def _trim(solid, goal):  # type: ignore[no-untyped-def]
+def _trim(solid, goal):  # type: ignore[no-untyped-def]  # numba types it
     """Take away what is outside the goal, as far as that parts and closes nothing. Returns whether all went."""
     left, before = -1, -2
     while left != before and left != 0:
@@ -173,7 +173,7 @@ def _trim(solid, goal):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(RUNS, NUMBERS, types.int64, WORK), cache=True, nogil=True)
-def _draw_part(runs, number, which, out):  # type: ignore[no-untyped-def]
+def _draw_part(runs, number, which, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = one component."""
     out[:] = U0
     for k in range(runs.shape[0]):
@@ -193,7 +193,7 @@ def one_by_one(columns: Columns) -> Iterator[tuple[NDArray[np.int64], Columns]]:
 
 
 @njit(types.int64(WORK, WORK, HALF_WIDTHS, types.int64, types.int64, WORK, WORK), cache=True, nogil=True)
-def move_paths(paths, free, half_widths, bx, by, centres, stuck):  # type: ignore[no-untyped-def]
+def move_paths(paths, free, half_widths, bx, by, centres, stuck):  # type: ignore[no-untyped-def]  # numba types it
     """centres = for each path pixel the pixel around which F is drawn; stuck = those for which there is none.
 
     free  pixels around which F adds nothing where nothing is to be added. Of several as near the first by rows.
@@ -231,7 +231,7 @@ def move_paths(paths, free, half_widths, bx, by, centres, stuck):  # type: ignor
 
 
 @njit(types.void(WORK, types.boolean, WORK), cache=True, nogil=True)
-def void_parts(solid, holes, out):  # type: ignore[no-untyped-def]
+def void_parts(solid, holes, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = the holes (void parts that the outside does not reach), or the outside."""
     runs, parent, _ = label_runs(solid, True)
     number, _ = measured_parts(runs, parent)
@@ -333,7 +333,7 @@ def centres_apart(
 
 
 @njit(types.void(WORK, types.int64, types.int64, WORK), cache=True, nogil=True)
-def _dilate_back(columns, bx, by, out):  # type: ignore[no-untyped-def]
+def _dilate_back(columns, bx, by, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = `columns` and its pixels moved west (bx), north (by) and north-west (both)."""
     words, height = columns.shape
     for w in range(words):

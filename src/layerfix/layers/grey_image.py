@@ -32,14 +32,14 @@ BIT_OF_BYTE = np.uint64(0x8040201008040201)  # byte i holds bit i
 
 
 @njit
-def spread_octet(bits):  # type: ignore[no-untyped-def]
+def spread_octet(bits):  # type: ignore[no-untyped-def]  # numba types it
     """The lowest eight bits as eight bytes, 255 where set."""
     own = ((bits & np.uint64(255)) * ONES) & BIT_OF_BYTE
     return (((((own & LOW_SEVEN) + LOW_SEVEN) | own) >> np.uint64(7)) & ONES) * np.uint64(255)
 
 
 @njit
-def spread_bits(bits, line):  # type: ignore[no-untyped-def]
+def spread_bits(bits, line):  # type: ignore[no-untyped-def]  # numba types it
     """A packed row as bytes, 255 where solid."""
     width = line.shape[0]
     octets = line[: width & ~7].view(np.uint64)
@@ -56,7 +56,7 @@ def spread_bits(bits, line):  # type: ignore[no-untyped-def]
 
 
 @njit
-def pack_octets(octets, first):  # type: ignore[no-untyped-def]
+def pack_octets(octets, first):  # type: ignore[no-untyped-def]  # numba types it
     """(64 greys as bits, False) if all are 0 or 255, from octets[first] on; else (anything, True)."""
     some, every, word = U0, ALL, U0
     for k in range(8):
@@ -74,7 +74,7 @@ def pack_octets(octets, first):  # type: ignore[no-untyped-def]
 
 
 @njit
-def pack_part(part, threshold):  # type: ignore[no-untyped-def]
+def pack_part(part, threshold):  # type: ignore[no-untyped-def]  # numba types it
     """(the bits of up to 64 greys from `threshold` on, whether one of them is neither 0 nor 255)."""
     if part.shape[0] == 64:
         word, greys = pack_octets(part.view(np.uint64), 0)
@@ -91,7 +91,7 @@ def pack_part(part, threshold):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(IMAGE, WORK, FIRSTS), cache=True, nogil=True)
-def _count_greys(image, bright, firsts):  # type: ignore[no-untyped-def]
+def _count_greys(image, bright, firsts):  # type: ignore[no-untyped-def]  # numba types it
     """bright = which pixels are 255, where all of a word are 0 or 255; firsts[y]: words with greys above row y."""
     height, width = image.shape
     found = 0
@@ -105,7 +105,7 @@ def _count_greys(image, bright, firsts):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(IMAGE, AT, TARGET), cache=True, nogil=True)
-def _take_greys(image, at, values):  # type: ignore[no-untyped-def]
+def _take_greys(image, at, values):  # type: ignore[no-untyped-def]  # numba types it
     """The words that have greys, in order, and their pixels; as many as `_count_greys` found."""
     height, width = image.shape
     found = 0
@@ -121,7 +121,7 @@ def _take_greys(image, at, values):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(ROWS, FIRSTS, AT, TARGET, types.int64, TARGET), cache=True, nogil=True)
-def _expand(bright, firsts, at, values, y, out):  # type: ignore[no-untyped-def]
+def _expand(bright, firsts, at, values, y, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = rows y … of the image, as bytes."""
     count, width = out.shape
     for k in range(count):
@@ -134,7 +134,7 @@ def _expand(bright, firsts, at, values, y, out):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(FIRSTS, AT, TARGET, types.uint8, WORK), cache=True, nogil=True)
-def _cut(firsts, at, values, threshold, rows):  # type: ignore[no-untyped-def]
+def _cut(firsts, at, values, threshold, rows):  # type: ignore[no-untyped-def]  # numba types it
     """The bits of the words that have greys: set from `threshold` on. Pixels past the width are 0."""
     for y in range(rows.shape[0]):
         for n in range(firsts[y], firsts[y + 1]):

@@ -35,7 +35,7 @@ SUBSTEPS = 64  # columns a pixel is cut into for its coverage; each is exact in 
 
 
 @njit(types.void(IMAGE, types.uint8, WORK), cache=True, nogil=True)
-def _pack_from(image, threshold, rows):  # type: ignore[no-untyped-def]
+def _pack_from(image, threshold, rows):  # type: ignore[no-untyped-def]  # numba types it
     height, width = image.shape
     for y in range(height):
         for w in range(rows.shape[1]):
@@ -54,7 +54,7 @@ def pack_from(image: Values, threshold: int) -> Rows:
 
 
 @njit(WORK(IMAGE, ROWS), cache=True, nogil=True)
-def _ridges(image, dim):  # type: ignore[no-untyped-def]
+def _ridges(image, dim):  # type: ignore[no-untyped-def]  # numba types it
     """Of the pixels in `dim`, those brighter than both neighbours above and below, or to both sides: the crest of a
     stroke. Of two equal ones side by side it is the lower (right) one."""
     height, width = image.shape
@@ -76,7 +76,7 @@ def _ridges(image, dim):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, ROWS), cache=True, nogil=True)
-def _prune(solid, doubtful):  # type: ignore[no-untyped-def]
+def _prune(solid, doubtful):  # type: ignore[no-untyped-def]  # numba types it
     """Take doubtful pixels away as long as that parts nothing."""
     again = True
     while again:
@@ -94,7 +94,7 @@ def _prune(solid, doubtful):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(ROWS, WORK), cache=True, nogil=True)
-def _around(rows, out):  # type: ignore[no-untyped-def]
+def _around(rows, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = rows ⊕ the 3 × 3 square; bits past the width are as they come."""
     height, words = rows.shape
     for y in range(height):
@@ -121,7 +121,7 @@ def around_px(rows: Rows, within: Rows) -> Rows:
 
 
 @njit
-def _in_cross(rows, y, x):  # type: ignore[no-untyped-def]
+def _in_cross(rows, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """Whether pixel (y, x) lies in a cross of five pixels of `rows`."""
     if not bit_at(rows, y, x):
         return False
@@ -139,7 +139,7 @@ def _in_cross(rows, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, ROWS, HALF_WIDTHS), cache=True, nogil=True)
-def _near_wide(pixels, solid, half_widths):  # type: ignore[no-untyped-def]
+def _near_wide(pixels, solid, half_widths):  # type: ignore[no-untyped-def]  # numba types it
     """Of `pixels`, keep those with a pixel of what is wider than two pixels (S opened by a cross) in the disc around
     them."""
     height, words = pixels.shape
@@ -246,7 +246,7 @@ def disc_coverage(rx_px: float, ry_px: float, offset_px: tuple[float, float] = (
 
 
 @njit(types.void(TARGET, ROWS, ROWS, ROWS, IMAGE, types.uint8), cache=True, nogil=True)
-def _draw(image, paths, drawn, rim, stencil, threshold):  # type: ignore[no-untyped-def]
+def _draw(image, paths, drawn, rim, stencil, threshold):  # type: ignore[no-untyped-def]  # numba types it
     """image = max(image, stencil) around every path pixel, where `drawn` or (below threshold) `rim` is set."""
     height, width = image.shape
     reach_y, reach_x = stencil.shape[0] // 2, stencil.shape[1] // 2
@@ -272,7 +272,7 @@ def _draw(image, paths, drawn, rim, stencil, threshold):  # type: ignore[no-unty
 
 
 @njit(types.void(TARGET, ROWS, types.uint8, types.boolean), cache=True, nogil=True)
-def _set_where(image, rows, value, raise_only):  # type: ignore[no-untyped-def]
+def _set_where(image, rows, value, raise_only):  # type: ignore[no-untyped-def]  # numba types it
     """image = value where a bit is set (only where it is lower, if `raise_only`)."""
     height, width = image.shape
     for y in range(height):

@@ -47,7 +47,7 @@ class Latest(Generic[Result]):
 
 
 @njit(types.boolean(ROWS, ROWS), cache=True, nogil=True)
-def same_rows(rows, other):  # type: ignore[no-untyped-def]
+def same_rows(rows, other):  # type: ignore[no-untyped-def]  # numba types it
     """Whether two layers of one size are alike; it stops at the first row that is not."""
     for y in range(rows.shape[0]):
         here, there, differs = rows[y], other[y], U0

@@ -45,7 +45,7 @@ def disc_half_widths(rx_px: float, ry_px: float) -> NDArray[np.int64]:
 
 
 @njit
-def _or_shifted(grown, columns, w, first, stop, k):  # type: ignore[no-untyped-def]
+def _or_shifted(grown, columns, w, first, stop, k):  # type: ignore[no-untyped-def]  # numba types it
     """grown |= column w shifted by k pixels to either side, rows first … stop - 1."""
     words, n = columns.shape[0], stop - first
     far, near = k >> 6, np.uint64(k & 63)
@@ -71,7 +71,7 @@ def _or_shifted(grown, columns, w, first, stop, k):  # type: ignore[no-untyped-d
 
 
 @njit
-def _or_both_shifted(grown, west, here, east, k):  # type: ignore[no-untyped-def]
+def _or_both_shifted(grown, west, here, east, k):  # type: ignore[no-untyped-def]  # numba types it
     """The same for 0 < k < 64 in one pass: three columns, and no tests."""
     near, rest = np.uint64(k), np.uint64(64 - k)
     for i in range(grown.shape[0]):
@@ -79,7 +79,7 @@ def _or_both_shifted(grown, west, here, east, k):  # type: ignore[no-untyped-def
 
 
 @njit
-def _block_has_bits(columns, first, last, y):  # type: ignore[no-untyped-def]
+def _block_has_bits(columns, first, last, y):  # type: ignore[no-untyped-def]  # numba types it
     """True if columns first … last have a bit in the block that begins at row y."""
     seen = U0
     for w in range(first, last + 1):
@@ -89,14 +89,14 @@ def _block_has_bits(columns, first, last, y):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _copy(target, words):  # type: ignore[no-untyped-def]
+def _copy(target, words):  # type: ignore[no-untyped-def]  # numba types it
     """target[:] = words. (As a loop: numba's slice assignment takes a second to compile, for its errors.)"""
     for i in range(words.shape[0]):
         target[i] = words[i]
 
 
 @njit
-def _or_into(target, words):  # type: ignore[no-untyped-def]
+def _or_into(target, words):  # type: ignore[no-untyped-def]  # numba types it
     """target |= words. (Slices start at 0: with an offset in the index, numba's test for negative indices
     keeps LLVM from vectorising the loop.)"""
     for i in range(words.shape[0]):
@@ -104,7 +104,7 @@ def _or_into(target, words):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, WORK, HALF_WIDTHS), cache=True, nogil=True)
-def spread(source, target, half_widths):  # type: ignore[no-untyped-def]
+def spread(source, target, half_widths):  # type: ignore[no-untyped-def]  # numba types it
     """target |= the disc around every bit of `source`, clipped to the arrays; both (words, height).
 
     Per column of words and run of rows with bits near it: the rows are grown sideways, one pixel at a time
@@ -152,7 +152,7 @@ def spread(source, target, half_widths):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, types.boolean, WORK), cache=True, nogil=True)
-def boundary(columns, of_void, out):  # type: ignore[no-untyped-def]
+def boundary(columns, of_void, out):  # type: ignore[no-untyped-def]  # numba types it
     """Solid pixels with a 4-neighbour in the void, or (`of_void`) void pixels with one in the solid.
 
     columns, out: (words, height) with an empty border; `out` is written everywhere.
@@ -179,7 +179,7 @@ def boundary(columns, of_void, out):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, HALF_WIDTHS, WORK, WORK), cache=True, nogil=True)
-def erode_columns(columns, half_widths, out, scratch):  # type: ignore[no-untyped-def]
+def erode_columns(columns, half_widths, out, scratch):  # type: ignore[no-untyped-def]  # numba types it
     """out = columns ⊖ F: the pixels whose disc meets no void pixel."""
     boundary(columns, True, scratch)
     out[:] = U0
@@ -191,7 +191,7 @@ def erode_columns(columns, half_widths, out, scratch):  # type: ignore[no-untype
 
 
 @njit(types.void(WORK, HALF_WIDTHS, WORK, WORK), cache=True, nogil=True)
-def dilate_columns(columns, half_widths, out, scratch):  # type: ignore[no-untyped-def]
+def dilate_columns(columns, half_widths, out, scratch):  # type: ignore[no-untyped-def]  # numba types it
     """out = columns ⊕ F; the border must be wide enough to hold it (`with_border`)."""
     boundary(columns, False, scratch)
     for w in range(columns.shape[0]):
@@ -200,7 +200,7 @@ def dilate_columns(columns, half_widths, out, scratch):  # type: ignore[no-untyp
 
 
 @njit(BOX(ROWS, HALF_WIDTHS), cache=True, nogil=True)
-def working_box(rows, half_widths):  # type: ignore[no-untyped-def]
+def working_box(rows, half_widths):  # type: ignore[no-untyped-def]  # numba types it
     """The box around the solid with room for a dilation; zeros if the layer is empty."""
     box = bounding_box(rows)
     return box if box[1] == 0 else with_border(box, half_widths[0], half_widths.shape[0] - 1)

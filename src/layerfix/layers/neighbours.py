@@ -9,7 +9,7 @@ from layerfix.kernels import njit
 
 
 @njit
-def bit_at(rows, y, x):  # type: ignore[no-untyped-def]
+def bit_at(rows, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """Pixel (y, x) of packed rows, 0 outside them."""
     if y < 0 or x < 0 or y >= rows.shape[0] or (x >> 6) >= rows.shape[1]:
         return np.int64(0)
@@ -17,7 +17,7 @@ def bit_at(rows, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit
-def around(rows, y, x):  # type: ignore[no-untyped-def]
+def around(rows, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """The eight neighbours, bit 0 east, then clockwise."""
     return (
         bit_at(rows, y, x + 1)
@@ -32,7 +32,7 @@ def around(rows, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit
-def is_simple(neighbours):  # type: ignore[no-untyped-def]
+def is_simple(neighbours):  # type: ignore[no-untyped-def]  # numba types it
     """Whether a pixel with these neighbours may come or go without joining or parting anything: exactly one of the
     4-neighbours is void with a solid one after it, going round by way of the corners (the crossing number)."""
     crossings = 0

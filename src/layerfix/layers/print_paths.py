@@ -46,7 +46,7 @@ def tool_of(feature: Feature, spurs: Spurs) -> Tool:
 
 
 @njit
-def _misses_any(solid, printed):  # type: ignore[no-untyped-def]
+def _misses_any(solid, printed):  # type: ignore[no-untyped-def]  # numba types it
     """Whether S has a pixel that is not printed."""
     lost = U0
     for w in range(solid.shape[0]):
@@ -57,7 +57,7 @@ def _misses_any(solid, printed):  # type: ignore[no-untyped-def]
 
 
 @njit(types.boolean(IMAGES, TOOL, PLAN, ZEROS, types.boolean, types.boolean), cache=True, nogil=True)
-def find_printed(images, tool, plan, zeros, whole, draw):  # type: ignore[no-untyped-def]
+def find_printed(images, tool, plan, zeros, whole, draw):  # type: ignore[no-untyped-def]  # numba types it
     """Of the first image, S: PRINTED = S ∘ F, and PATHS to draw besides; True if there are any.
 
     images  IMAGES_OF_LAYER of them

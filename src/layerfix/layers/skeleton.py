@@ -38,7 +38,7 @@ SCRATCH_IMAGES = 4
 
 
 @njit(types.void(WORK, WORK, types.float64, WORK), cache=True, nogil=True)
-def thin_anchored(columns, anchor, spur_rounds, scratch):  # type: ignore[no-untyped-def]
+def thin_anchored(columns, anchor, spur_rounds, scratch):  # type: ignore[no-untyped-def]  # numba types it
     """Algorithm 2's loop in place: thin `columns` around `anchor`, removing spurs while j < spur_rounds."""
     words, height = columns.shape
     blocks = (height - 2) // BLOCK
@@ -81,7 +81,7 @@ def check_spurs(spurs: str) -> None:
 
 
 @njit(types.void(WORK, WORK, types.boolean, types.float64, PLAN, WORK, IMAGES, ZEROS), cache=True, nogil=True)
-def skeleton_columns(solid, anchor, metric, rounds, plan, out, scratch, zeros):  # type: ignore[no-untyped-def]
+def skeleton_columns(solid, anchor, metric, rounds, plan, out, scratch, zeros):  # type: ignore[no-untyped-def]  # numba types it
     """out = M̂ of the columns `solid`, thinned around `anchor`.
 
     metric, rounds, plan  `spur_numbers`

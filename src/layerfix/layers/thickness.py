@@ -20,7 +20,7 @@ SMALL_PIN, ROUND_PIN = 1.8, 1.35  # most over least width of what is a pin, unde
 
 
 @njit
-def _solid(columns, y, x):  # type: ignore[no-untyped-def]
+def _solid(columns, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """Pixel (y, x) of `layerfix.layers.columns`, x counted from the first bit; anything outside is void."""
     if y < 0 or x < 0 or y >= columns.shape[1] or x >= columns.shape[0] * 64:
         return False
@@ -28,7 +28,7 @@ def _solid(columns, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _void_around(columns, y, x):  # type: ignore[no-untyped-def]
+def _void_around(columns, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """The void pixels x - 32 … x + 31 of row y as bits 0 … 63; all of them outside the array."""
     if y < 0 or y >= columns.shape[1]:
         return ALL
@@ -42,7 +42,7 @@ def _void_around(columns, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _nearest_step(void, within):  # type: ignore[no-untyped-def]
+def _nearest_step(void, within):  # type: ignore[no-untyped-def]  # numba types it
     """Signed steps from bit 32 to the nearest set bit at most `within` away; `within` + 1 if there is none."""
     for step in range(within + 1):
         if (void >> np.uint64(32 - step)) & U1:
@@ -53,7 +53,7 @@ def _nearest_step(void, within):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _nearest_far(columns, y, x, within):  # type: ignore[no-untyped-def]
+def _nearest_far(columns, y, x, within):  # type: ignore[no-untyped-def]  # numba types it
     """The same over several words, for features wider than a look sees."""
     for step in range(within + 1):
         if not _solid(columns, y, x - step):
@@ -64,7 +64,7 @@ def _nearest_far(columns, y, x, within):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]
+def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def]  # numba types it
     """Width of the solid across pixel (y, x), or `best` if it is not below it."""
     near = (best + max(px_mm, py_mm)) / 2  # the width is at least 2 · near − 1 px
     dx_mm, dy_mm = 0.0, 0.0
@@ -100,12 +100,12 @@ def _width_mm(columns, y, x, best, px_mm, py_mm):  # type: ignore[no-untyped-def
 
 
 @njit
-def _inverse(slope):  # type: ignore[no-untyped-def]
+def _inverse(slope):  # type: ignore[no-untyped-def]  # numba types it
     return 1 / slope if abs(slope) > 1e-12 else np.inf
 
 
 @njit
-def _between_mm(per_mm, start, least, most):  # type: ignore[no-untyped-def]
+def _between_mm(per_mm, start, least, most):  # type: ignore[no-untyped-def]  # numba types it
     """The t for which least ≤ start + t / per_mm ≤ most, as (first, last); (1, -1) if there are none."""
     if abs(per_mm) > 1e9:
         return (-1e6, 1e6) if least - 1e-9 <= start <= most + 1e-9 else (1.0, -1.0)
@@ -114,7 +114,7 @@ def _between_mm(per_mm, start, least, most):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _pixels_from(columns, y, x):  # type: ignore[no-untyped-def]
+def _pixels_from(columns, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """Pixels x … x + 63 of row y as one word; void outside the array."""
     if y < 0 or y >= columns.shape[1]:
         return U0
@@ -127,7 +127,7 @@ def _pixels_from(columns, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(types.UniTuple(types.float64, 2)(WORK, *[types.float64] * 9), cache=True, nogil=True)
-def edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, parted_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+def edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, parted_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]  # numba types it
     """(farthest solid, nearest void) pixel centre from the point (y, x) along the direction u, in mm, among those up
     to `along_mm` to either side of it and `beyond_mm` away.
 
@@ -161,7 +161,7 @@ def edges_mm(columns, y, x, ux, uy, beyond_mm, along_mm, parted_mm, px_mm, py_mm
 
 
 @njit
-def _chords_mm(columns, y, x, beyond_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+def _chords_mm(columns, y, x, beyond_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]  # numba types it
     """(least, most, mean) width through the point (y, x) in all directions, and the middle of the edges (y, x); inf
     for `most` where a direction has no edge."""
     ray_mm = RAY_PX * max(px_mm, py_mm)
@@ -181,7 +181,7 @@ def _chords_mm(columns, y, x, beyond_mm, px_mm, py_mm):  # type: ignore[no-untyp
 
 
 @njit
-def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]  # numba types it
     """Width across (y, x) from both edges, each half-way between the last solid and the first void pixel centre.
 
     Over as long a stretch, and in the direction, in which the solid and the void are most nearly parted by two lines:
@@ -214,7 +214,7 @@ def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no
 
 
 @njit
-def _make_room(rough_mm, spots, limit_mm):  # type: ignore[no-untyped-def]
+def _make_room(rough_mm, spots, limit_mm):  # type: ignore[no-untyped-def]  # numba types it
     """Keep the places below the limit; if that are too many, every other one. Returns how many are left."""
     count = 0
     for k in range(rough_mm.shape[0]):
@@ -229,7 +229,7 @@ def _make_room(rough_mm, spots, limit_mm):  # type: ignore[no-untyped-def]
 
 
 @njit(types.float64(WORK, WORK, types.float64, types.float64, types.float64), cache=True, nogil=True)
-def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]
+def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]  # numba types it
     """Width in mm of S at the narrowest pixel of the skeletal paths, at most `limit_mm`; inf without a path.
 
     A first look takes the distance to the nearest void pixel and to the void straight across; a pixel whose nearest

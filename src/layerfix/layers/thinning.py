@@ -32,7 +32,7 @@ Q0, Q1 = np.uint8(0), np.uint8(1)
 
 
 @njit
-def flag_blocks(words, flags):  # type: ignore[no-untyped-def]
+def flag_blocks(words, flags):  # type: ignore[no-untyped-def]  # numba types it
     """flags[b] = 1 if block b of `words` has any bit; True if one has."""
     any_bits = U0
     for b in range(flags.shape[0]):
@@ -45,7 +45,7 @@ def flag_blocks(words, flags):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, CHANGES), cache=True, nogil=True)
-def start_changes(columns, changed):  # type: ignore[no-untyped-def]
+def start_changes(columns, changed):  # type: ignore[no-untyped-def]  # numba types it
     """Mark every block with a solid pixel as changed in every phase: each must look at it once."""
     changed[:] = Q0
     for w in range(1, columns.shape[0] - 1):
@@ -54,7 +54,7 @@ def start_changes(columns, changed):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, WORK, WORK, CHANGES), cache=True, nogil=True)
-def flag_free(columns, anchor, protected, changed):  # type: ignore[no-untyped-def]
+def flag_free(columns, anchor, protected, changed):  # type: ignore[no-untyped-def]  # numba types it
     """changed[FREE] = the blocks with a pixel that is not both anchored and protected: others can lose none."""
     height = columns.shape[1]
     line = np.empty(height - 2, np.uint64)
@@ -66,7 +66,7 @@ def flag_free(columns, anchor, protected, changed):  # type: ignore[no-untyped-d
 
 
 @njit(types.void(CHANGES, FLAGS), cache=True, nogil=True)
-def find_active(changed, active):  # type: ignore[no-untyped-def]
+def find_active(changed, active):  # type: ignore[no-untyped-def]  # numba types it
     """active[w, b]: whether any of the nine blocks around block b of column w changed in any phase."""
     words, blocks = active.shape
     near = np.zeros(blocks + 2, np.uint8)
@@ -86,7 +86,7 @@ def find_active(changed, active):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _next_run(flags, start):  # type: ignore[no-untyped-def]
+def _next_run(flags, start):  # type: ignore[no-untyped-def]  # numba types it
     """(first, past the last) block of the next run of set flags from `start`; first = len(flags) if none."""
     blocks = flags.shape[0]
     while start < blocks and flags[start] == Q0:
@@ -102,7 +102,7 @@ def _next_run(flags, start):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _apply(column, gone, flags):  # type: ignore[no-untyped-def]
+def _apply(column, gone, flags):  # type: ignore[no-untyped-def]  # numba types it
     """column &= ~gone in the flagged blocks.
 
     Bridged blocks are harmless: the run that computed `gone` bridged the same gaps, so there it is 0, not old.
@@ -117,7 +117,7 @@ def _apply(column, gone, flags):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _deletable(x1, x2, x3, x4, x5, x6, x7, x8):  # type: ignore[no-untyped-def]
+def _deletable(x1, x2, x3, x4, x5, x6, x7, x8):  # type: ignore[no-untyped-def]  # numba types it
     """Conditions (a) and (b) for 64 pixels at once."""
     p12, p34, p56, p78 = x1 | x2, x3 | x4, x5 | x6, x7 | x8  # the terms of n1
     p23, p45, p67, p81 = x2 | x3, x4 | x5, x6 | x7, x8 | x1  # the terms of n2
@@ -131,7 +131,7 @@ def _deletable(x1, x2, x3, x4, x5, x6, x7, x8):  # type: ignore[no-untyped-def]
 
 # The loops below run down three columns; x1 … x8 are the neighbours of the 64 pixels of word i + 1.
 @njit
-def _first_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def]
+def _first_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def]  # numba types it
     for i in range(gone.shape[0]):
         x3, c, x7 = here[i], here[i + 1], here[i + 2]
         x4, x5, x6 = (
@@ -148,7 +148,7 @@ def _first_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _second_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def]
+def _second_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def]  # numba types it
     for i in range(gone.shape[0]):
         x3, c, x7 = here[i], here[i + 1], here[i + 2]
         x4, x5, x6 = (
@@ -165,7 +165,7 @@ def _second_pass(west, here, east, anchor, gone):  # type: ignore[no-untyped-def
 
 
 @njit(types.boolean(WORK, WORK, types.int64, CHANGES, FLAGS, WORK), cache=True, nogil=True)
-def sub_iteration(columns, anchor, phase, changed, active, gone):  # type: ignore[no-untyped-def]
+def sub_iteration(columns, anchor, phase, changed, active, gone):  # type: ignore[no-untyped-def]  # numba types it
     """One Guo–Hall sub-iteration (phase FIRST or SECOND) in place; True if a pixel was deleted.
 
     columns, anchor: (words, height); changed: (3, words, blocks) uint8; active: (words, blocks) uint8 and
@@ -196,7 +196,7 @@ def sub_iteration(columns, anchor, phase, changed, active, gone):  # type: ignor
 
 
 @njit
-def _end_points(west, here, east, anchor, ends, gone):  # type: ignore[no-untyped-def]
+def _end_points(west, here, east, anchor, ends, gone):  # type: ignore[no-untyped-def]  # numba types it
     """End points (exactly one 8-neighbour): `gone` if it lies E, NE, N or NW, `ends` otherwise."""
     for i in range(gone.shape[0]):
         x3, c, x7 = here[i], here[i + 1], here[i + 2]
@@ -222,7 +222,7 @@ def _end_points(west, here, east, anchor, ends, gone):  # type: ignore[no-untype
 
 
 @njit
-def _still_ends(west, here, east, ends, gone):  # type: ignore[no-untyped-def]
+def _still_ends(west, here, east, ends, gone):  # type: ignore[no-untyped-def]  # numba types it
     """The end points left over that still have their one neighbour."""
     for i in range(gone.shape[0]):
         column = here[i] | here[i + 1] | here[i + 2]
@@ -233,7 +233,7 @@ def _still_ends(west, here, east, ends, gone):  # type: ignore[no-untyped-def]
 
 
 @njit(types.boolean(WORK, WORK, CHANGES, FLAGS, WORK, WORK), cache=True, nogil=True)
-def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[no-untyped-def]
+def remove_spurs(columns, anchor, changed, active, gone, ends):  # type: ignore[no-untyped-def]  # numba types it
     """The paper's spur removal, one pixel per call, in place; True if a pixel was deleted.
 
     Of the end points at the start, first those go whose only neighbour lies E, NE, N or NW, then those of

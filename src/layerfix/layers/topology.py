@@ -57,7 +57,7 @@ class TopologyChange:
 
 
 @njit
-def _shared(runs, number, other_runs, other_number, parts):  # type: ignore[no-untyped-def]
+def _shared(runs, number, other_runs, other_number, parts):  # type: ignore[no-untyped-def]  # numba types it
     """(n, 2): which components share a pixel, some several times."""
     latest = np.full(parts, -1, np.int64)
     pairs = np.empty((runs.shape[0] + other_runs.shape[0], 2), np.int64)
@@ -80,7 +80,7 @@ def _shared(runs, number, other_runs, other_number, parts):  # type: ignore[no-u
 
 
 @njit
-def _joined(parts, others, pairs):  # type: ignore[no-untyped-def]
+def _joined(parts, others, pairs):  # type: ignore[no-untyped-def]  # numba types it
     """Of each component, before and then after, the least number of those it hangs together with by shared pixels."""
     count = parts.shape[0]
     parent = np.arange(count + others.shape[0])
@@ -94,7 +94,7 @@ def _joined(parts, others, pairs):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _tell(table, n, kind, number, area, box):  # type: ignore[no-untyped-def]
+def _tell(table, n, kind, number, area, box):  # type: ignore[no-untyped-def]  # numba types it
     """The table with one row more as its n-th."""
     if n == table.shape[0]:
         longer = np.empty((2 * n, 7), np.int64)
@@ -107,14 +107,14 @@ def _tell(table, n, kind, number, area, box):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _with_box(box, part):  # type: ignore[no-untyped-def]
+def _with_box(box, part):  # type: ignore[no-untyped-def]  # numba types it
     """Make a box hold a component's, too."""
     box[LEFT], box[TOP] = min(box[LEFT], part[LEFT]), min(box[TOP], part[TOP])
     box[RIGHT], box[BOTTOM] = max(box[RIGHT], part[RIGHT]), max(box[BOTTOM], part[BOTTOM])
 
 
 @njit
-def _add_changes(parts, others, pairs, kind, table, n):  # type: ignore[no-untyped-def]
+def _add_changes(parts, others, pairs, kind, table, n):  # type: ignore[no-untyped-def]  # numba types it
     """What became of some components, appended to a table of n rows: first where several became one and one several,
     then those that have no counterpart. Returns the table and its number of rows."""
     joined = _joined(parts, others, pairs)
@@ -160,7 +160,7 @@ def _add_changes(parts, others, pairs, kind, table, n):  # type: ignore[no-untyp
 
 
 @njit(RUNS(WORK, WORK), cache=True, nogil=True)
-def _changes(before, after):  # type: ignore[no-untyped-def]
+def _changes(before, after):  # type: ignore[no-untyped-def]  # numba types it
     """(n, 7): what became of components and of voids: which of KINDS, count, area, left, top, right, bottom."""
     width = 64 * before.shape[0]
     starts, edges = row_edges(before)

@@ -91,7 +91,7 @@ class LayerVerdict:
 
 
 @njit(types.Tuple((RUNS, FLAGS, types.int64, types.int64))(WORK, WORK, WORK, WORK), cache=True, nogil=True)
-def _lost(solid, opened, paths, drawn):  # type: ignore[no-untyped-def]
+def _lost(solid, opened, paths, drawn):  # type: ignore[no-untyped-def]  # numba types it
     """(parts of S; which of them S ∘ F has a pixel of; stretches of the paths; pixels of S that S ∘ F misses and what
     is drawn holds)."""
     runs, parent, _ = label_runs(solid, False)

@@ -54,7 +54,7 @@ SUGGESTION = types.Tuple((types.int64, types.boolean, types.int64, types.UniTupl
 
 
 @njit
-def _reach_mm(lost, kept, offsets, distances_mm):  # type: ignore[no-untyped-def]
+def _reach_mm(lost, kept, offsets, distances_mm):  # type: ignore[no-untyped-def]  # numba types it
     """The farthest that a lost pixel is from what is kept, in mm; inf if it is past the last of the offsets.
 
     offsets: (n, 2) dx, dy in px by distance.
@@ -79,7 +79,7 @@ def _reach_mm(lost, kept, offsets, distances_mm):  # type: ignore[no-untyped-def
 
 
 @njit
-def _opened(solid, half_widths, bx, by, kept, scratch, lost):  # type: ignore[no-untyped-def]
+def _opened(solid, half_widths, bx, by, kept, scratch, lost):  # type: ignore[no-untyped-def]  # numba types it
     """kept = solid ∘ F, lost = the rest (also used as scratch); True if anything is lost."""
     anchor_columns(solid, half_widths, bx, by, lost, scratch)
     open_columns(lost, half_widths, kept, scratch)
@@ -92,7 +92,7 @@ def _opened(solid, half_widths, bx, by, kept, scratch, lost):  # type: ignore[no
 
 
 @njit
-def _boundary_px(columns):  # type: ignore[no-untyped-def]
+def _boundary_px(columns):  # type: ignore[no-untyped-def]  # numba types it
     """How often pixels change along rows, along columns, and along the two diagonals."""
     words, height = columns.shape
     across, down, falling, rising = 0, 0, 0, 0
@@ -108,7 +108,7 @@ def _boundary_px(columns):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _verdict(solid, half_widths, block, limit_mm, last_mm, parts, voids, offsets, distances_mm, work):  # type: ignore[no-untyped-def]
+def _verdict(solid, half_widths, block, limit_mm, last_mm, parts, voids, offsets, distances_mm, work):  # type: ignore[no-untyped-def]  # numba types it
     """HOLDS, FAILS, or FAILS_FOR_GOOD: for every wider candidate, too."""
     kept, scratch, lost = work[0], work[1], work[2]
     if not _opened(solid, half_widths, block[0], block[1], kept, scratch, lost):
@@ -120,7 +120,7 @@ def _verdict(solid, half_widths, block, limit_mm, last_mm, parts, voids, offsets
 
 
 @njit(SUGGESTION(ROWS, HALF_WIDTHS, STARTS, OFFSETS, LIMITS, OFFSETS, LIMITS), cache=True, nogil=True)
-def _suggest(rows, discs, starts, blocks, limits_mm, offsets, distances_mm):  # type: ignore[no-untyped-def]
+def _suggest(rows, discs, starts, blocks, limits_mm, offsets, distances_mm):  # type: ignore[no-untyped-def]  # numba types it
     """(number of the widest candidate that holds, or 0; whether it does; solid pixels; `_boundary_px`).
 
     discs, starts, blocks: half widths of the candidates' discs, one after the other, and their blocks (`Feature`);

@@ -22,7 +22,7 @@ KEYS_PER_PX = 1024  # ends of segments closer than this are one point
 
 
 @njit
-def mix(x):  # type: ignore[no-untyped-def]
+def mix(x):  # type: ignore[no-untyped-def]  # numba types it
     """A 64-bit finaliser (splitmix64): every input bit changes about half of the output."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -30,7 +30,7 @@ def mix(x):  # type: ignore[no-untyped-def]
 
 
 @njit(KEYS(POINTS), cache=True, nogil=True)
-def vertex_keys(points):  # type: ignore[no-untyped-def]
+def vertex_keys(points):  # type: ignore[no-untyped-def]  # numba types it
     """(n,) a hash of each vertex's place in steps of 1/1024, the same for vertices in the same place."""
     keys = np.empty(points.shape[0], np.uint64)
     for v in range(points.shape[0]):
@@ -42,7 +42,7 @@ def vertex_keys(points):  # type: ignore[no-untyped-def]
 
 
 @njit(types.boolean(KEYS, TRIANGLES), cache=True, nogil=True)
-def keys_balance(keys, faces):  # type: ignore[no-untyped-def]
+def keys_balance(keys, faces):  # type: ignore[no-untyped-def]  # numba types it
     """`edges_balance` of vertices known by their keys."""
     total = np.uint64(0)
     for t in range(faces.shape[0]):
@@ -62,7 +62,7 @@ def edges_balance(points: NDArray[np.float64], faces: NDArray[np.int32]) -> bool
 
 
 @njit
-def _root(parent, parity, f):  # type: ignore[no-untyped-def]
+def _root(parent, parity, f):  # type: ignore[no-untyped-def]  # numba types it
     """(root of f, whether f is turned against it); halves the path on the way."""
     turned = False
     while parent[f] != f:
@@ -76,7 +76,7 @@ def _root(parent, parity, f):  # type: ignore[no-untyped-def]
 
 
 @njit(types.Array(types.boolean, 1, "C")(EDGES, types.int64), cache=True, nogil=True)
-def _faces_to_flip(pairs, faces):  # type: ignore[no-untyped-def]
+def _faces_to_flip(pairs, faces):  # type: ignore[no-untyped-def]  # numba types it
     """Union–find by size, with parity, over (face, face, same direction) rows; True for each patch's minority."""
     parent = np.arange(faces)
     parity = np.zeros(faces, np.bool_)
@@ -137,7 +137,7 @@ def orient(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.
 
 
 @njit(types.Array(types.int64, 1, "C")(POINTS, POINTS), cache=True, nogil=True)
-def match_nearest(ends, starts):  # type: ignore[no-untyped-def]
+def match_nearest(ends, starts):  # type: ignore[no-untyped-def]  # numba types it
     """Greedy matching, nearest pair first: entry e is the start joined to end e. Same number of both."""
     n = ends.shape[0]
     partner = np.full(n, -1, np.int64)

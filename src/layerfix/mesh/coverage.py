@@ -19,7 +19,7 @@ IMAGE = types.Array(types.uint8, 2, "C")
 
 
 @njit
-def _add(line, x0, x1, height):  # type: ignore[no-untyped-def]
+def _add(line, x0, x1, height):  # type: ignore[no-untyped-def]  # numba types it
     """Add part of a segment within one row: from x0 to x1, `height` of the row high (signed). line[x] is what pixel x
     differs by from the one to its left."""
     width = float(line.shape[0] - 2)
@@ -57,7 +57,7 @@ def _add(line, x0, x1, height):  # type: ignore[no-untyped-def]
 
 
 @njit(IMAGE(SEGMENTS, types.int64, types.int64, types.int64), cache=True, nogil=True)
-def coverage(segments, width, height, rule):  # type: ignore[no-untyped-def]
+def coverage(segments, width, height, rule):  # type: ignore[no-untyped-def]  # numba types it
     """(H, W) uint8: 255 times the share of each pixel that is inside by the winding rule.
 
     segments  as `fill` takes them

@@ -16,7 +16,7 @@ SEEN = types.Array(types.uint64, 3, "C")
 
 
 @njit
-def _bits(w, first, stop):  # type: ignore[no-untyped-def]
+def _bits(w, first, stop):  # type: ignore[no-untyped-def]  # numba types it
     """Those of word w that are among first … stop - 1, of which it holds some."""
     bits = ALL
     if w == first >> 6:
@@ -27,7 +27,7 @@ def _bits(w, first, stop):  # type: ignore[no-untyped-def]
 
 
 @njit
-def longer(keys):  # type: ignore[no-untyped-def]
+def longer(keys):  # type: ignore[no-untyped-def]  # numba types it
     """The same list with room for as many more."""
     longer = np.empty(2 * keys.shape[0], np.int64)
     for i in range(keys.shape[0]):
@@ -40,7 +40,7 @@ def longer(keys):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def crossings(runs, slopes, masks, mine, scale, within, always, alike, width, seen):  # type: ignore[no-untyped-def]
+def crossings(runs, slopes, masks, mine, scale, within, always, alike, width, seen):  # type: ignore[no-untyped-def]  # numba types it
     """Where runs of facets cross columns through centres `within` low < z ≤ high: pixel · 2^31 + place · 2 + (1 if
     the solid begins, upwards), where places are counted along the `scale`, which holds `within`.
 

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 
 @njit
-def _face_key(keys, faces, t):  # type: ignore[no-untyped-def]
+def _face_key(keys, faces, t):  # type: ignore[no-untyped-def]  # numba types it
     """The same for the same three corners in any order."""
     return mix(keys[faces[t, 0]]) + mix(keys[faces[t, 1]]) + mix(keys[faces[t, 2]])
 
 
 @njit(types.boolean(KEYS, TRIANGLES), cache=True, nogil=True)
-def any_doubles(keys, faces):  # type: ignore[no-untyped-def]
+def any_doubles(keys, faces):  # type: ignore[no-untyped-def]  # numba types it
     """Whether two triangles that have a size have the same corners, by their vertices' keys. One pass, one table."""
     size = 16
     while size < 2 * faces.shape[0]:
@@ -54,7 +54,7 @@ def any_doubles(keys, faces):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def joined_labels(pairs, count):  # type: ignore[no-untyped-def]
+def joined_labels(pairs, count):  # type: ignore[no-untyped-def]  # numba types it
     """(count,) the smallest member of each one's group, where `pairs` (k, 2) are in one group."""
     parent = np.arange(count)
     for p in range(pairs.shape[0]):

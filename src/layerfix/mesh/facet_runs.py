@@ -31,7 +31,7 @@ SLOPES = types.Array(
 
 
 @njit
-def area_of(points, a, b, c):  # type: ignore[no-untyped-def]
+def area_of(points, a, b, c):  # type: ignore[no-untyped-def]  # numba types it
     """Twice the area seen from above, above 0 for a facet that faces down (rows run downwards)."""
     return (points[b, 0] - points[a, 0]) * (points[c, 1] - points[a, 1]) - (points[c, 0] - points[a, 0]) * (
         points[b, 1] - points[a, 1]
@@ -39,7 +39,7 @@ def area_of(points, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _may_cover(points, a, b, c, width, height):  # type: ignore[no-untyped-def]
+def _may_cover(points, a, b, c, width, height):  # type: ignore[no-untyped-def]  # numba types it
     """Whether a facet may cover a centre of the frame."""
     x0, x1 = min(points[a, 0], points[b, 0], points[c, 0]), max(points[a, 0], points[b, 0], points[c, 0])
     y0, y1 = min(points[a, 1], points[b, 1], points[c, 1]), max(points[a, 1], points[b, 1], points[c, 1])
@@ -51,7 +51,7 @@ def _may_cover(points, a, b, c, width, height):  # type: ignore[no-untyped-def]
 
 
 @njit
-def by_slabs(reach, slabs):  # type: ignore[no-untyped-def]
+def by_slabs(reach, slabs):  # type: ignore[no-untyped-def]  # numba types it
     """(starts, facets): out[starts[s] : starts[s + 1]] are those that reach into slab s, if reach (n, 2) holds each
     one's first slab and the one past its last."""
     starts = np.zeros(slabs + 1, np.int64)
@@ -70,7 +70,7 @@ def by_slabs(reach, slabs):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _intervals(edges, low, high):  # type: ignore[no-untyped-def]
+def _intervals(edges, low, high):  # type: ignore[no-untyped-def]  # numba types it
     """A mask of the intervals of a slab, edges[q] < z ≤ edges[q + 1], that low … high reaches into; the ends take
     what lies beyond."""
     last = edges.shape[0] - 2
@@ -85,7 +85,7 @@ def _intervals(edges, low, high):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def slabs_of(points, faces, edges, span, width, height):  # type: ignore[no-untyped-def]
+def slabs_of(points, faces, edges, span, width, height):  # type: ignore[no-untyped-def]  # numba types it
     """Facets that may cover a centre, by the slabs of `span` intervals edges[q] < z ≤ edges[q + 1] they are in."""
     reach = np.zeros((faces.shape[0], 2), np.int32)
     for t in range(faces.shape[0]):
@@ -102,7 +102,7 @@ def slabs_of(points, faces, edges, span, width, height):  # type: ignore[no-unty
     cache=True,
     nogil=True,
 )
-def may_pair(points, faces, chosen, edges, width, height, alike):  # type: ignore[no-untyped-def]
+def may_pair(points, faces, chosen, edges, width, height, alike):  # type: ignore[no-untyped-def]  # numba types it
     """Of the facets of the slab with these edges, those whose box shares a tile and an interval with one that
     faces the other way (`alike`: with any other). Where a facet is many rows high, it is the cheaper look."""
     across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
@@ -136,7 +136,7 @@ def may_pair(points, faces, chosen, edges, width, height, alike):  # type: ignor
 
 
 @njit
-def _rows_between(points, a, b, c, low, high):  # type: ignore[no-untyped-def]
+def _rows_between(points, a, b, c, low, high):  # type: ignore[no-untyped-def]  # numba types it
     """Least and greatest y of a facet's part in low ≤ z ≤ high, a little more."""
     y0, y1 = math.inf, -math.inf
     for p, q in ((a, b), (b, c), (c, a)):
@@ -155,13 +155,13 @@ def _rows_between(points, a, b, c, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _slope(points, p, q):  # type: ignore[no-untyped-def]
+def _slope(points, p, q):  # type: ignore[no-untyped-def]  # numba types it
     dy = points[q, 1] - points[p, 1]
     return (points[q, 0] - points[p, 0]) / dy if dy != 0 else 0.0
 
 
 @njit
-def _by_rows(points, a, b, c):  # type: ignore[no-untyped-def]
+def _by_rows(points, a, b, c):  # type: ignore[no-untyped-def]  # numba types it
     """The corners of a facet, from the first row to the last."""
     if points[b, 1] < points[a, 1]:
         a, b = b, a
@@ -173,7 +173,7 @@ def _by_rows(points, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _plane(points, a, b, c):  # type: ignore[no-untyped-def]
+def _plane(points, a, b, c):  # type: ignore[no-untyped-def]  # numba types it
     """(gx, gy): how z changes along x and y."""
     xa, ya, za, area = points[a, 0], points[a, 1], points[a, 2], area_of(points, a, b, c)
     ux, uy, uz = points[b, 0] - xa, points[b, 1] - ya, points[b, 2] - za
@@ -182,13 +182,13 @@ def _plane(points, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @njit
-def run_z(slopes, r, column):  # type: ignore[no-untyped-def]
+def run_z(slopes, r, column):  # type: ignore[no-untyped-def]  # numba types it
     """Height of run r at a column."""
     return min(max(slopes[r, 0] + slopes[r, 1] * column, slopes[r, 2]), slopes[r, 3])
 
 
 @njit
-def run_within(slopes, r, low, high, first, stop):  # type: ignore[no-untyped-def]
+def run_within(slopes, r, low, high, first, stop):  # type: ignore[no-untyped-def]  # numba types it
     """Of the columns first … stop - 1 of run r those in low < z ≤ high."""
     at_row, gx = slopes[r, 0], slopes[r, 1]
     if stop - first > 2 and abs(gx) > 1e-9:
@@ -203,7 +203,7 @@ def run_within(slopes, r, low, high, first, stop):  # type: ignore[no-untyped-de
 
 
 @njit
-def _longer(runs, slopes):  # type: ignore[no-untyped-def]
+def _longer(runs, slopes):  # type: ignore[no-untyped-def]  # numba types it
     """The same two tables with room for as many more rows."""
     count = runs.shape[0]
     more, more_slopes = np.empty((2 * count, 4), np.int32), np.empty((2 * count, 4), np.float64)
@@ -218,7 +218,7 @@ def _longer(runs, slopes):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def facet_runs(points, faces, chosen, low, high, width, height):  # type: ignore[no-untyped-def]
+def facet_runs(points, faces, chosen, low, high, width, height):  # type: ignore[no-untyped-def]  # numba types it
     """(runs, slopes) of some facets in low < z ≤ high; none of them may be upright (`slabs_of` leaves those out)."""
     runs, slopes, n = np.empty((256, 4), np.int32), np.empty((256, 4), np.float64), 0
     for t in chosen:
@@ -259,7 +259,7 @@ def facet_runs(points, faces, chosen, low, high, width, height):  # type: ignore
 
 
 @njit(MASKS(RUNS, SLOPES, HEIGHTS), cache=True, nogil=True)
-def intervals_of(runs, slopes, edges):  # type: ignore[no-untyped-def]
+def intervals_of(runs, slopes, edges):  # type: ignore[no-untyped-def]  # numba types it
     """Of each run a mask of the intervals it reaches into, of the slab with these edges."""
     masks = np.empty(runs.shape[0], np.int64)
     for r in range(runs.shape[0]):
@@ -273,7 +273,7 @@ def intervals_of(runs, slopes, edges):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def paired(runs, slopes, masks, width, height, alike):  # type: ignore[no-untyped-def]
+def paired(runs, slopes, masks, width, height, alike):  # type: ignore[no-untyped-def]  # numba types it
     """Those runs that share a tile and an interval with one that faces the other way (`alike`: with any other), and a
     mask of these intervals of each."""
     across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE

@@ -32,7 +32,7 @@ ONE = 1 << BITS  # of an edge
 
 
 @njit
-def below(values, bound):  # type: ignore[no-untyped-def]
+def below(values, bound):  # type: ignore[no-untyped-def]  # numba types it
     """How many of the sorted values are below the bound: np.searchsorted, which would load half of numba (0.1 s)."""
     first, stop = 0, values.shape[0]
     while first < stop:
@@ -45,7 +45,7 @@ def below(values, bound):  # type: ignore[no-untyped-def]
 
 
 @njit
-def sort(values):  # type: ignore[no-untyped-def]
+def sort(values):  # type: ignore[no-untyped-def]  # numba types it
     """Shell sort. Most rows have few crossings, nearly in order: for them it is one insertion pass."""
     n = values.shape[0]
     gap = 701
@@ -64,7 +64,7 @@ def sort(values):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _fill_span(line, first, stop):  # type: ignore[no-untyped-def]
+def _fill_span(line, first, stop):  # type: ignore[no-untyped-def]  # numba types it
     """Set bits first … stop - 1; stop > first."""
     w0, w1 = first >> 6, (stop - 1) >> 6
     head = ALL << np.uint64(first & 63)
@@ -79,7 +79,7 @@ def _fill_span(line, first, stop):  # type: ignore[no-untyped-def]
 
 
 @njit
-def row_crossings(segments, width, height):  # type: ignore[no-untyped-def]
+def row_crossings(segments, width, height):  # type: ignore[no-untyped-def]  # numba types it
     """(starts, crossings): where segments cross each row of centres, 2 · position + 1 where the solid begins."""
     starts = np.zeros(height + 1, np.int64)
     for s in range(segments.shape[0]):
@@ -108,7 +108,7 @@ def row_crossings(segments, width, height):  # type: ignore[no-untyped-def]
 
 
 @njit
-def winding_is_inside(winding, crossed, rule):  # type: ignore[no-untyped-def]
+def winding_is_inside(winding, crossed, rule):  # type: ignore[no-untyped-def]  # numba types it
     """Whether it is solid where the winding number is that, after so many crossings."""
     if rule == NONZERO:
         return winding != 0
@@ -116,7 +116,7 @@ def winding_is_inside(winding, crossed, rule):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _fill_rows(starts, crossings, rule, rows):  # type: ignore[no-untyped-def]
+def _fill_rows(starts, crossings, rule, rows):  # type: ignore[no-untyped-def]  # numba types it
     """Plain fill. Returns the solid on edges along rows that have no pixel of it: (n, 3) row, column of the edge's
     right end, and twice the middle of the solid, counted from the left end."""
     spans = np.empty((64, 3), np.int64)
@@ -158,7 +158,7 @@ def _fill_rows(starts, crossings, rule, rows):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _grown(numbers, count):  # type: ignore[no-untyped-def]
+def _grown(numbers, count):  # type: ignore[no-untyped-def]  # numba types it
     """The same list, with room for one more."""
     if count < numbers.shape[0]:
         return numbers
@@ -169,7 +169,7 @@ def _grown(numbers, count):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]
+def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]  # numba types it
     """(keys of crossings of edges along columns whose ends are empty; keys of segments in cells with empty corners).
 
     An edge or cell is counted by its lower (right) end, row · (width + 1) + column. A crossing's key is (edge,
@@ -210,7 +210,7 @@ def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _mark_rows(spans, width, marks):  # type: ignore[no-untyped-def]
+def _mark_rows(spans, width, marks):  # type: ignore[no-untyped-def]  # numba types it
     for k in range(spans.shape[0]):
         left = 1 if spans[k, 2] < ONE else 0
         marks[k, 0], marks[k, 1] = spans[k, 0], min(max(spans[k, 1] - left, 0), width - 1)
@@ -218,7 +218,7 @@ def _mark_rows(spans, width, marks):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _mark_columns(keys, stride, height, rule, marks, m):  # type: ignore[no-untyped-def]
+def _mark_columns(keys, stride, height, rule, marks, m):  # type: ignore[no-untyped-def]  # numba types it
     """An end of every edge along a column that solid crosses from one side to the other. Returns how many marks."""
     i = 0
     while i < keys.shape[0]:
@@ -240,7 +240,7 @@ def _mark_columns(keys, stride, height, rule, marks, m):  # type: ignore[no-unty
 
 
 @njit
-def _mark_cells(segments, inner, keys, spans, stride, height, width, marks, m):  # type: ignore[no-untyped-def]
+def _mark_cells(segments, inner, keys, spans, stride, height, width, marks, m):  # type: ignore[no-untyped-def]  # numba types it
     """A pixel for every curve that stays within a cell. Returns how many marks."""
     for p in range(inner.shape[0]):
         cell, s = inner[p] // segments.shape[0], inner[p] % segments.shape[0]
@@ -263,7 +263,7 @@ def _mark_cells(segments, inner, keys, spans, stride, height, width, marks, m): 
 
 
 @njit(types.int64(SEGMENTS, types.int64, types.int64, types.boolean, WORK), cache=True, nogil=True)
-def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]
+def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]  # numba types it
     """Set the pixels of `rows` (zeroed packed rows) whose centre is inside by the winding rule, and, if `thin`, the
     ones that stand for what is thinner than a pixel. Returns how many of these there are.
 

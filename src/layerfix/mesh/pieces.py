@@ -24,7 +24,7 @@ NONE = -1
 
 
 @njit
-def _slot(x, y, mask):  # type: ignore[no-untyped-def]
+def _slot(x, y, mask):  # type: ignore[no-untyped-def]  # numba types it
     """Where a point is looked for first in a table of mask + 1 places. Points of neighbouring segments are equal."""
     value = np.int64(round(x * 1048576.0)) * np.int64(0x2545F491) ^ np.int64(round(y * 1048576.0)) * np.int64(
         0x5851F42D
@@ -36,7 +36,7 @@ def _slot(x, y, mask):  # type: ignore[no-untyped-def]
 
 
 @njit(PLACES(SEGMENTS, WORK), cache=True, nogil=True)
-def small_pieces(segments, rows):  # type: ignore[no-untyped-def]
+def small_pieces(segments, rows):  # type: ignore[no-untyped-def]  # numba types it
     """(n, 2) row and column of the centroid of each closed contour that has the solid inside, is small and compact.
 
     segments  (n, 4) x, y of start and end, solid on the left (of x right, y up; rows run down)

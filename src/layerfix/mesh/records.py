@@ -17,7 +17,7 @@ PLACES = types.Array(types.int64, 2, "C")
     cache=True,
     nogil=True,
 )
-def walk(data, at, count, shape, big_endian):  # type: ignore[no-untyped-def]
+def walk(data, at, count, shape, big_endian):  # type: ignore[no-untyped-def]  # numba types it
     """Where `count` records have their values: (starts, lengths) of (count, properties), and where they end.
 
     shape  (properties, 2): bytes of the number that counts a list (0: one value, not a list), bytes of a value

@@ -57,7 +57,7 @@ MINE, HIGH = 1, 2  # marks of a stretch: this layer holds most of it; it is high
     cache=True,
     nogil=True,
 )  # fmt: skip
-def _walk(keys, width, low, high, border, upwards, all_mine, least, foil, rule, rows):  # type: ignore[no-untyped-def]
+def _walk(keys, width, low, high, border, upwards, all_mine, least, foil, rule, rows):  # type: ignore[no-untyped-def]  # numba types it
     """Stretches between a layer's mid-plane and the next one, over pixels empty in `rows`: 4 · pixel + marks.
 
     keys    sorted crossings of low < z ≤ high
@@ -100,7 +100,7 @@ def _walk(keys, width, low, high, border, upwards, all_mine, least, foil, rule, 
 
 
 @njit(types.int64(KEYS, types.int64, WORK), cache=True, nogil=True)
-def _add(found, width, rows):  # type: ignore[no-untyped-def]
+def _add(found, width, rows):  # type: ignore[no-untyped-def]  # numba types it
     """Set the pixels of stretches that are this layer's and high enough. Returns how many were not set."""
     added = 0
     for key in found:
@@ -112,7 +112,7 @@ def _add(found, width, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(KEYS, types.int64, WORK), cache=True, nogil=True)
-def _lone_parts(found, width, rows):  # type: ignore[no-untyped-def]
+def _lone_parts(found, width, rows):  # type: ignore[no-untyped-def]  # numba types it
     """How many parts of this layer's stretches that are too low touch neither pixels nor stretches that are not.
 
     Parts of up to CRUMB pixels do not count: the feather edge of a slope ends in such.
@@ -145,7 +145,7 @@ def _lone_parts(found, width, rows):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _of_rows(keys, segments, width, height):  # type: ignore[no-untyped-def]
+def _of_rows(keys, segments, width, height):  # type: ignore[no-untyped-def]  # numba types it
     """Those segments that cross rows of which there are keys."""
     before = np.zeros(height + 1, np.int64)
     for key in keys:
@@ -170,7 +170,7 @@ def _of_rows(keys, segments, width, height):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )  # fmt: skip
-def _cover(keys, segments, width, bounds, heights, middle, share, least, rule, rows):  # type: ignore[no-untyped-def]
+def _cover(keys, segments, width, bounds, heights, middle, share, least, rule, rows):  # type: ignore[no-untyped-def]  # numba types it
     """Make pixels solid where the solid over them fills so much of the layer. Returns how many change.
 
     keys    sorted crossings from the bottom of the layer below to the top of the one above

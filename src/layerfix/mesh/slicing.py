@@ -101,7 +101,7 @@ class _Piece:
 
 
 @njit(types.UniTuple(types.int64, 2)(HEIGHTS, types.float64, types.float64), cache=True, nogil=True)
-def _planes_cut(planes, low, high):  # type: ignore[no-untyped-def]
+def _planes_cut(planes, low, high):  # type: ignore[no-untyped-def]  # numba types it
     """Planes k with low ≤ planes[k] < high, as (first, past the last)."""
     return below(planes, low), below(planes, high)
 
@@ -113,7 +113,7 @@ def _planes_cut(planes, low, high):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def bucket(points, faces, planes, slab_layers):  # type: ignore[no-untyped-def]
+def bucket(points, faces, planes, slab_layers):  # type: ignore[no-untyped-def]  # numba types it
     """Triangles cut by any plane of each slab: (starts, faces), CSR."""
     reach = np.zeros((faces.shape[0], 2), np.int32)
     for t in range(faces.shape[0]):
@@ -125,7 +125,7 @@ def bucket(points, faces, planes, slab_layers):  # type: ignore[no-untyped-def]
 
 
 @njit(SEGMENTS(POINTS, TRIANGLES, INDICES, types.float64), cache=True, nogil=True)
-def cut(points, faces, chosen, plane):  # type: ignore[no-untyped-def]
+def cut(points, faces, chosen, plane):  # type: ignore[no-untyped-def]  # numba types it
     """Segments in which `plane` cuts the chosen triangles: (n, 4) x, y of start and end, solid on the left
     (of x right, y up) for triangles that face outwards."""
     out = np.empty((chosen.shape[0], 4), np.float64)
@@ -159,7 +159,7 @@ def cut(points, faces, chosen, plane):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def fill_cut(points, faces, chosen, plane, width, rule, hairlines, rows):  # type: ignore[no-untyped-def]
+def fill_cut(points, faces, chosen, plane, width, rule, hairlines, rows):  # type: ignore[no-untyped-def]  # numba types it
     """`cut` and `fill` of a closed surface: (segments, pixels of hairlines, middles of small pieces); the last two
     only if `hairlines`."""
     segments = cut(points, faces, chosen, plane)

@@ -23,7 +23,7 @@ FULLEST = 0.6  # of the table: above it, open addressing looks at more than two 
 
 
 @njit
-def _hash(x, y, z):  # type: ignore[no-untyped-def]
+def _hash(x, y, z):  # type: ignore[no-untyped-def]  # numba types it
     h = np.uint64(x) | (np.uint64(y) << np.uint64(32))
     h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     h = (h ^ np.uint64(z) ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -31,12 +31,12 @@ def _hash(x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _same(vertices, v, x, y, z):  # type: ignore[no-untyped-def]
+def _same(vertices, v, x, y, z):  # type: ignore[no-untyped-def]  # numba types it
     return vertices[v, 0] == x and vertices[v, 1] == y and vertices[v, 2] == z
 
 
 @njit
-def _place(h, x, y, z, vertices, table):  # type: ignore[no-untyped-def]
+def _place(h, x, y, z, vertices, table):  # type: ignore[no-untyped-def]  # numba types it
     """Where in the table the vertex with the hash h is, or would go. Linear probing."""
     mask = table.shape[0] - 1
     at = np.int64(h & np.uint64(mask))
@@ -50,7 +50,7 @@ def _place(h, x, y, z, vertices, table):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def weld(corners, start, vertices, count, table, recent, out):  # type: ignore[no-untyped-def]
+def weld(corners, start, vertices, count, table, recent, out):  # type: ignore[no-untyped-def]  # numba types it
     """Give corners[start:] their vertices' numbers in `out`, adding those that are new; (corners done, vertices).
 
     Stops early where `vertices` or the table is too full for one more. Corners and vertices are the bits of 32-bit
@@ -82,7 +82,7 @@ def weld(corners, start, vertices, count, table, recent, out):  # type: ignore[n
 
 
 @njit(types.void(VERTICES, types.int64, TABLE), cache=True, nogil=True)
-def enter(vertices, count, table):  # type: ignore[no-untyped-def]
+def enter(vertices, count, table):  # type: ignore[no-untyped-def]  # numba types it
     """Fill an empty table with the vertices there are."""
     for v in range(count):
         x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]

@@ -31,7 +31,7 @@ COUNTS = types.Array(types.int64, 2, "C")
 
 
 @njit
-def _compare(before, after, add_only, count):  # type: ignore[no-untyped-def]
+def _compare(before, after, add_only, count):  # type: ignore[no-untyped-def]  # numba types it
     """Add solid, added and removed pixels of a layer to `count`."""
     for w in range(before.shape[0]):
         for y in range(before.shape[1]):
@@ -46,7 +46,7 @@ def _compare(before, after, add_only, count):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(POINTS, POINTS, VECTOR, MATRIX, MATRIX), cache=True, nogil=True)
-def stand(vertices, matrix, shift, out, bounds):  # type: ignore[no-untyped-def]
+def stand(vertices, matrix, shift, out, bounds):  # type: ignore[no-untyped-def]  # numba types it
     """out = vertices turned by a (3, 3) matrix and moved; bounds (2, 3): their lowest and highest corner."""
     for k in range(3):
         bounds[0, k], bounds[1, k] = np.inf, -np.inf
@@ -60,7 +60,7 @@ def stand(vertices, matrix, shift, out, bounds):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(MATRIX, VECTOR, types.float64, types.float64, types.float64, types.float64), cache=True, nogil=True)
-def snap(points, origin, pitch_x, pitch_y, lowest, quantum):  # type: ignore[no-untyped-def]
+def snap(points, origin, pitch_x, pitch_y, lowest, quantum):  # type: ignore[no-untyped-def]  # numba types it
     """Vertices in mm → columns and rows in steps of 1/1024 px, z in quanta, in place: as `layerfix.mesh.slicing`."""
     for v in range(points.shape[0]):
         points[v, 0] = np.rint(((points[v, 0] - origin[0]) / pitch_x - 0.5) * SNAP_PER_PX) / SNAP_PER_PX
@@ -70,7 +70,7 @@ def snap(points, origin, pitch_x, pitch_y, lowest, quantum):  # type: ignore[no-
 
 @njit(COUNTS(POINTS, TRIANGLES, HEIGHTS, types.int64, types.int64, types.int64, TOOL, PLAN, types.boolean),
       cache=True, nogil=True)  # fmt: skip
-def _count_layers(points, faces, planes, width, height, rule, tool, plan, add_only):  # type: ignore[no-untyped-def]
+def _count_layers(points, faces, planes, width, height, rule, tool, plan, add_only):  # type: ignore[no-untyped-def]  # numba types it
     half_widths, bx, by = tool[0], tool[1], tool[2]
     reach_x, reach_y = half_widths[0] + bx, half_widths.shape[0] - 1 + by
     counts = np.zeros((planes.shape[0], 3), np.int64)

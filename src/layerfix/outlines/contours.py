@@ -264,7 +264,7 @@ def _without_pinches(rings: Rings) -> tuple[Rings, NDArray[np.bool_]]:
 @njit(
     types.UniTuple(types.int64[::1], 2)(types.int64[::1], types.int64[::1], types.int64[::1]), cache=True, nogil=True
 )
-def relink(following, first, second):  # type: ignore[no-untyped-def]
+def relink(following, first, second):  # type: ignore[no-untyped-def]  # numba types it
     """Exchange what follows `first[k]` and `second[k]`, two visits to one point, unless that leaves both in one
     ring. Returns all points ring by ring, and where each ring starts."""
     after = following.copy()

@@ -23,7 +23,7 @@ FAN = 0.7  # radians (40°): between normals that stand for those of a corner
 
 
 @njit
-def _point_to_piece(x, y, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
+def _point_to_piece(x, y, x0, y0, x1, y1):  # type: ignore[no-untyped-def]  # numba types it
     """Squared distance of a point from a piece of an edge."""
     dx, dy = x1 - x0, y1 - y0
     length2 = dx * dx + dy * dy
@@ -33,7 +33,7 @@ def _point_to_piece(x, y, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _apart(pieces, i, j):  # type: ignore[no-untyped-def]
+def _apart(pieces, i, j):  # type: ignore[no-untyped-def]  # numba types it
     """Squared distance of two pieces that do not cross."""
     a0, a1, a2, a3 = pieces[i, 0], pieces[i, 1], pieces[i, 2], pieces[i, 3]
     b0, b1, b2, b3 = pieces[j, 0], pieces[j, 1], pieces[j, 2], pieces[j, 3]
@@ -44,7 +44,7 @@ def _apart(pieces, i, j):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _before(pieces, i, j):  # type: ignore[no-untyped-def]
+def _before(pieces, i, j):  # type: ignore[no-untyped-def]  # numba types it
     """How far piece j reaches to the solid side of piece i, at most."""
     x, y, nx, ny = pieces[i, 0], pieces[i, 1], pieces[i, 4], pieces[i, 5]
     return max(
@@ -54,7 +54,7 @@ def _before(pieces, i, j):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _following(segments):  # type: ignore[no-untyped-def]
+def _following(segments):  # type: ignore[no-untyped-def]  # numba types it
     """For each edge the one after it in its ring; rings stand one after the other."""
     after = np.empty(segments.shape[0], np.int64)
     first = 0
@@ -67,7 +67,7 @@ def _following(segments):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _turn(segments, s, t):  # type: ignore[no-untyped-def]
+def _turn(segments, s, t):  # type: ignore[no-untyped-def]  # numba types it
     """By how much edge t turns from edge s, in radians; above 0 at a corner that points into the solid."""
     ax, ay = segments[s, 2] - segments[s, 0], segments[s, 3] - segments[s, 1]
     bx, by = segments[t, 2] - segments[t, 0], segments[t, 3] - segments[t, 1]
@@ -75,7 +75,7 @@ def _turn(segments, s, t):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _pieces(segments, reach):  # type: ignore[no-untyped-def]
+def _pieces(segments, reach):  # type: ignore[no-untyped-def]  # numba types it
     """Edges in pieces no longer than `reach`: x, y of both ends, and the normal into the solid. Corners that point
     into the solid are pieces without length, one for each of some normals between those of their edges."""
     after = _following(segments)
@@ -107,7 +107,7 @@ def _pieces(segments, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(SEGMENTS(SEGMENTS, types.float64), cache=True, nogil=True)
-def narrow_places(segments, reach):  # type: ignore[no-untyped-def]
+def narrow_places(segments, reach):  # type: ignore[no-untyped-def]  # numba types it
     """Boxes around the pieces of edges that have another one within `reach` of them, facing them across the solid.
 
     segments  (n, 4) x, y of start and end in px, y down, solid on the left as seen (as `layerfix.mesh.fill` has it)

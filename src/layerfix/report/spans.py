@@ -32,7 +32,7 @@ SPANS = types.Array(types.int32, 2, "C")
 
 
 @njit(types.int64(ROWS, SPANS), cache=True, nogil=True)
-def _list_spans(rows, out):  # type: ignore[no-untyped-def]
+def _list_spans(rows, out):  # type: ignore[no-untyped-def]  # numba types it
     """Row, first column, and the one past the last, of every run; how many. Written as far as `out` reaches."""
     n = 0
     for y in range(rows.shape[0]):

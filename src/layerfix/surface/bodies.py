@@ -102,7 +102,7 @@ def tiles(places: list[NDArray[np.int64]], shape: tuple[int, int], reach_px: int
 
 
 @njit(types.void(FIELDS, FIELDS, SLOTS, WEIGHTS, types.float64, types.float64, FIELD), cache=True, nogil=True)
-def _across(exact, blurred, slots, weights, steepest, lift, out):  # type: ignore[no-untyped-def]
+def _across(exact, blurred, slots, weights, steepest, lift, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = the middle slot's φ, smoothed across the layers in `slots` (−1: none), in pairs up and down.
 
     A pair counts where φ has not fallen by more than `steepest` a layer: there the body goes on.

@@ -128,7 +128,7 @@ def cell_table() -> NDArray[np.int8]:
 
 
 @njit(types.int64(ROWS, ROWS, types.int64, MARKS, COUNTS), cache=True, nogil=True)
-def _mark(rows, above, first, marks, counts):  # type: ignore[no-untyped-def]
+def _mark(rows, above, first, marks, counts):  # type: ignore[no-untyped-def]  # numba types it
     """Crossings on edges along x, y, and z up to `above`, of one layer; counts: crossings before each word."""
     height, words = rows.shape
     for axis in range(3):
@@ -151,7 +151,7 @@ def _mark(rows, above, first, marks, counts):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(MARKS, types.int32, EDGES), cache=True, nogil=True)
-def _list_edges(marks, layer, out):  # type: ignore[no-untyped-def]
+def _list_edges(marks, layer, out):  # type: ignore[no-untyped-def]  # numba types it
     """out[n] = (column, row, layer, axis) of the n-th crossing; the frame has a border of one."""
     n = 0
     for axis in range(3):
@@ -168,20 +168,20 @@ def _list_edges(marks, layer, out):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _number(marks, counts, axis, j, c):  # type: ignore[no-untyped-def]
+def _number(marks, counts, axis, j, c):  # type: ignore[no-untyped-def]  # numba types it
     """Which vertex is on the edge that begins at column c of row j."""
     w, bit = c >> 6, np.uint64(c & 63)
     return counts[axis, j, w] + popcount(marks[axis, j, w] & ((U1 << bit) - U1))
 
 
 @njit
-def _shifted(rows, j, w):  # type: ignore[no-untyped-def]
+def _shifted(rows, j, w):  # type: ignore[no-untyped-def]  # numba types it
     """A word of the columns one further east."""
     return (rows[j, w] >> U1) | (rows[j, w + 1] << U63 if w + 1 < rows.shape[1] else U0)
 
 
 @njit(types.int64(ROWS, ROWS, MARKS, COUNTS, MARKS, COUNTS, SHORT, types.boolean, FACES), cache=True, nogil=True)
-def _triangles(a, b, marks_a, counts_a, marks_b, counts_b, table, only_count, out):  # type: ignore[no-untyped-def]
+def _triangles(a, b, marks_a, counts_a, marks_b, counts_b, table, only_count, out):  # type: ignore[no-untyped-def]  # numba types it
     """Triangles of the cells between two layers; their number. Rows fall in y, which turns their sense round."""
     n = 0
     for j in range(a.shape[0] - 1):

@@ -136,7 +136,7 @@ def _heights(stack: LayerStack, watch: Watch | None) -> Iterator[Rows]:
 
 
 @njit(types.void(EDGES, TRIANGLES, PLACES, SHARES), cache=True, nogil=True)
-def _pull(edges, faces, places, pull):  # type: ignore[no-untyped-def]
+def _pull(edges, faces, places, pull):  # type: ignore[no-untyped-def]  # numba types it
     """pull[v] = how far the mean of a vertex's neighbours is from it, along its own axis."""
     count = np.zeros(len(edges), np.int64)
     pull[:] = 0.0
@@ -180,7 +180,7 @@ def smoothed(surface: VoxelSurface, moving: NDArray[np.bool_] | None = None) -> 
 
 
 @njit(types.int64(CORNERS, SAMPLES, SAMPLES, SAMPLES, KEYS, POSITIONS), cache=True, nogil=True)
-def _met(corners, along, us, vs, keys, places):  # type: ignore[no-untyped-def]
+def _met(corners, along, us, vs, keys, places):  # type: ignore[no-untyped-def]  # numba types it
     """Where triangles (axes rolled: along, u, v) meet the lines through the samples of u and v; how often.
 
     keys    which edge between two samples of `along` it is in

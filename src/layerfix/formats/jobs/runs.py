@@ -26,7 +26,7 @@ LONGEST_PHOTON = 125
 
 
 @njit
-def _set_run(rows, width, start, count):  # type: ignore[no-untyped-def]
+def _set_run(rows, width, start, count):  # type: ignore[no-untyped-def]  # numba types it
     """Set `count` pixels from pixel `start` of the line of all rows."""
     while count > 0:
         y, x = start // width, start % width
@@ -46,7 +46,7 @@ def _set_run(rows, width, start, count):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _run_length(rows, width, start, solid):  # type: ignore[no-untyped-def]
+def _run_length(rows, width, start, solid):  # type: ignore[no-untyped-def]  # numba types it
     """Length of the run of one colour that begins at pixel `start`, to the end of the layer at most."""
     height = rows.shape[0]
     total = width * height
@@ -67,7 +67,7 @@ def _run_length(rows, width, start, solid):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _solid_at(rows, width, at):  # type: ignore[no-untyped-def]
+def _solid_at(rows, width, at):  # type: ignore[no-untyped-def]  # numba types it
     y, x = at // width, at % width
     return (rows[y, x >> 6] >> np.uint64(x & 63)) & U1 != U0
 
@@ -76,7 +76,7 @@ def _solid_at(rows, width, at):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(DATA, types.int64, WORK), cache=True, nogil=True)
-def decode_photon(data, width, rows):  # type: ignore[no-untyped-def]
+def decode_photon(data, width, rows):  # type: ignore[no-untyped-def]  # numba types it
     """Set the solid runs in zeroed `rows`; the number of pixels the data cover (they may be one short)."""
     total = width * rows.shape[0]
     at = 0
@@ -89,7 +89,7 @@ def decode_photon(data, width, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(OUT(ROWS, types.int64), cache=True, nogil=True)
-def encode_photon(rows, width):  # type: ignore[no-untyped-def]
+def encode_photon(rows, width):  # type: ignore[no-untyped-def]  # numba types it
     """A black and white layer as photon runs."""
     total = width * rows.shape[0]
     out = np.empty(1024, np.uint8)
@@ -116,7 +116,7 @@ def encode_photon(rows, width):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _ctb_chunk(data, i):  # type: ignore[no-untyped-def]
+def _ctb_chunk(data, i):  # type: ignore[no-untyped-def]  # numba types it
     """(grey value, length, index after the chunk); length -1 if the data end within it."""
     code = int(data[i])
     value = (code & 0x7F) << 1
@@ -148,7 +148,7 @@ def _ctb_chunk(data, i):  # type: ignore[no-untyped-def]
 
 
 @njit(types.UniTuple(types.int64, 2)(DATA, types.int64, types.int64, WORK), cache=True, nogil=True)
-def decode_ctb(data, width, threshold, rows):  # type: ignore[no-untyped-def]
+def decode_ctb(data, width, threshold, rows):  # type: ignore[no-untyped-def]  # numba types it
     """(pixels covered or -1 for broken data, whether there are greys); rows: zeroed."""
     total = width * rows.shape[0]
     at, i, greys = 0, 0, 0
@@ -165,7 +165,7 @@ def decode_ctb(data, width, threshold, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(DATA, GREYS), cache=True, nogil=True)
-def decode_ctb_greys(data, image):  # type: ignore[no-untyped-def]
+def decode_ctb_greys(data, image):  # type: ignore[no-untyped-def]  # numba types it
     """The grey image of data that `decode_ctb` found sound."""
     flat = image.reshape(-1)
     at, i = 0, 0
@@ -177,7 +177,7 @@ def decode_ctb_greys(data, image):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _put_ctb(out, n, value, count):  # type: ignore[no-untyped-def]
+def _put_ctb(out, n, value, count):  # type: ignore[no-untyped-def]  # numba types it
     code = np.int64(value) >> 1
     if count == 1:
         out[n] = np.uint8(code)
@@ -203,7 +203,7 @@ def _put_ctb(out, n, value, count):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _put_goo(out, n, value, count):  # type: ignore[no-untyped-def]
+def _put_goo(out, n, value, count):  # type: ignore[no-untyped-def]  # numba types it
     kind = 0 if value == 0 else (3 if value == 255 else 1)
     more = 0 if count < 1 << 4 else (1 if count < 1 << 12 else (2 if count < 1 << 20 else 3))
     out[n] = np.uint8(kind << 6 | more << 4 | count & 15)
@@ -218,7 +218,7 @@ def _put_goo(out, n, value, count):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _put(goo, out, n, value, count):  # type: ignore[no-untyped-def]
+def _put(goo, out, n, value, count):  # type: ignore[no-untyped-def]  # numba types it
     longest = 1 << 28
     while count > 0:
         part = min(count, longest - 1)
@@ -228,7 +228,7 @@ def _put(goo, out, n, value, count):  # type: ignore[no-untyped-def]
 
 
 @njit(OUT(ROWS, types.int64, types.boolean), cache=True, nogil=True)
-def encode_runs(rows, width, goo):  # type: ignore[no-untyped-def]
+def encode_runs(rows, width, goo):  # type: ignore[no-untyped-def]  # numba types it
     """A black and white layer as GOO or CTB runs."""
     total = width * rows.shape[0]
     out = np.empty(4096, np.uint8)
@@ -246,7 +246,7 @@ def encode_runs(rows, width, goo):  # type: ignore[no-untyped-def]
 
 
 @njit(OUT(IMAGE, types.boolean), cache=True, nogil=True)
-def encode_greys(image, goo):  # type: ignore[no-untyped-def]
+def encode_greys(image, goo):  # type: ignore[no-untyped-def]  # numba types it
     """A grey layer as GOO or CTB runs (CTB holds 7 bits: the lowest is lost)."""
     flat = image.reshape(-1)
     total = flat.shape[0]
@@ -271,7 +271,7 @@ def encode_greys(image, goo):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _goo_chunk(data, i, before):  # type: ignore[no-untyped-def]
+def _goo_chunk(data, i, before):  # type: ignore[no-untyped-def]  # numba types it
     """(grey value, length, index after the chunk) given the value before; length -1 if the data end within it."""
     code = int(data[i])
     kind, more = code >> 6, code >> 4 & 3
@@ -299,7 +299,7 @@ def _goo_chunk(data, i, before):  # type: ignore[no-untyped-def]
 
 
 @njit(types.UniTuple(types.int64, 2)(DATA, types.int64, types.int64, WORK), cache=True, nogil=True)
-def decode_goo(data, width, threshold, rows):  # type: ignore[no-untyped-def]
+def decode_goo(data, width, threshold, rows):  # type: ignore[no-untyped-def]  # numba types it
     """(pixels covered or -1 for broken data, whether there are greys); rows: zeroed."""
     total = width * rows.shape[0]
     at, i, greys, value = 0, 0, 0, 0
@@ -316,7 +316,7 @@ def decode_goo(data, width, threshold, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(DATA, GREYS), cache=True, nogil=True)
-def decode_goo_greys(data, image):  # type: ignore[no-untyped-def]
+def decode_goo_greys(data, image):  # type: ignore[no-untyped-def]  # numba types it
     """The grey image of data that `decode_goo` found sound."""
     flat = image.reshape(-1)
     at, i, value = 0, 0, 0
@@ -331,7 +331,7 @@ def decode_goo_greys(data, image):  # type: ignore[no-untyped-def]
 
 
 @njit(types.Array(types.uint8, 1, "C")(types.uint32, types.uint32, types.int64), cache=True, nogil=True)
-def key_stream(seed, layer, size):  # type: ignore[no-untyped-def]
+def key_stream(seed, layer, size):  # type: ignore[no-untyped-def]  # numba types it
     """The bytes that a CTB layer is XORed with: words of a linear sequence, little-endian (catibo)."""
     step = np.uint32(seed * np.uint32(0x2D83CDAC) + np.uint32(0xD8A83423))
     key = np.uint32(np.uint32(layer * np.uint32(0x1E1530CD) + np.uint32(0xEC3D47CD)) * step)

@@ -111,8 +111,7 @@ class _Replaced(dict[str, bytes]):
         self._index = {name: i for i, name in enumerate(names) if i in spool}
         self._spool = spool
 
-    # dict.get is overloaded in typeshed; `Archive.rewrite` calls this one form of it.
-    def get(self, name: str, default: bytes | None = None) -> bytes | None:  # type: ignore[override]
+    def get(self, name: str, default: bytes | None = None) -> bytes | None:  # type: ignore[override]  # one form of dict.get: `Archive.rewrite` calls no other
         if name in self._index:
             return self._spool.get(self._index[name])
         return super().get(name, default)

@@ -48,7 +48,7 @@ BYTES = types.Array(types.uint8, 1, "C")
 
 
 @njit
-def _put(state, out, bits, count):  # type: ignore[no-untyped-def]
+def _put(state, out, bits, count):  # type: ignore[no-untyped-def]  # numba types it
     """Append `count` ≤ 32 bits. state: bit buffer, bits in it, bytes written."""
     state[0] |= bits << state[1]
     state[1] += np.uint64(count)
@@ -60,7 +60,7 @@ def _put(state, out, bits, count):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _adler(sums, value, count):  # type: ignore[no-untyped-def]
+def _adler(sums, value, count):  # type: ignore[no-untyped-def]  # numba types it
     """Adler-32 of `count` bytes `value`, in closed form."""
     n, a = np.int64(count), sums[0]
     sums[1] = (sums[1] + (n % 65521) * a + np.int64(value) * ((n * (n + 1) // 2) % 65521)) % 65521
@@ -68,7 +68,7 @@ def _adler(sums, value, count):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _emit_run(value, count, emit, counts, codes, lengths, state, out, sums):  # type: ignore[no-untyped-def]
+def _emit_run(value, count, emit, counts, codes, lengths, state, out, sums):  # type: ignore[no-untyped-def]  # numba types it
     """One run of equal bytes: a literal, then matches of distance 1; counted, or written if `emit`."""
     left = count - 1
     literals = 1
@@ -99,7 +99,7 @@ def _emit_run(value, count, emit, counts, codes, lengths, state, out, sums):  # 
     cache=True,
     nogil=True,
 )
-def _walk(rows, width, emit, counts, codes, lengths, state, out, sums):  # type: ignore[no-untyped-def]
+def _walk(rows, width, emit, counts, codes, lengths, state, out, sums):  # type: ignore[no-untyped-def]  # numba types it
     """All runs of the Up-filtered 8-bit image: counted into `counts` and `sums`, or written to `out`."""
     words = rows.shape[1]
     above = np.zeros(words, np.uint64)

@@ -19,7 +19,7 @@ NONE, SUB, UP, AVERAGE, PAETH = range(5)
 
 
 @njit
-def _unfilter(kind, raw, above, line):  # type: ignore[no-untyped-def]
+def _unfilter(kind, raw, above, line):  # type: ignore[no-untyped-def]  # numba types it
     """Undo one row's filter for one byte a pixel. False if the filter type does not exist."""
     n = line.shape[0]
     if kind == NONE:
@@ -53,7 +53,7 @@ def _unfilter(kind, raw, above, line):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _note(part, threshold, w, out, at, values, found):  # type: ignore[no-untyped-def]
+def _note(part, threshold, w, out, at, values, found):  # type: ignore[no-untyped-def]  # numba types it
     """Pack up to 64 greys, and keep them if one is neither 0 nor 255. Returns how many words are kept then."""
     out[w], greys = pack_part(part, threshold)
     if greys:
@@ -67,7 +67,7 @@ def _note(part, threshold, w, out, at, values, found):  # type: ignore[no-untype
 
 
 @njit
-def _pack_line(line, threshold, out, at, values, used):  # type: ignore[no-untyped-def]
+def _pack_line(line, threshold, out, at, values, used):  # type: ignore[no-untyped-def]  # numba types it
     """Pack one row of greys, and note the words of it that have one that is neither 0 nor 255. How many there are."""
     width, found = line.shape[0], used
     octets = line[: width // 64 * 64].view(np.uint64)
@@ -82,7 +82,7 @@ def _pack_line(line, threshold, out, at, values, used):  # type: ignore[no-untyp
 
 
 @njit
-def _sub_line(raw, line, threshold, out, at, values, used):  # type: ignore[no-untyped-def]
+def _sub_line(raw, line, threshold, out, at, values, used):  # type: ignore[no-untyped-def]  # numba types it
     """`_unfilter` of filter Sub and `_pack_line` at once: words in which nothing changes are as the pixel before."""
     width, found, left = line.shape[0], used, np.uint8(0)
     whole = width // 64
@@ -105,19 +105,19 @@ def _sub_line(raw, line, threshold, out, at, values, used):  # type: ignore[no-u
 
 
 @njit
-def _octet(q, bit):  # type: ignore[no-untyped-def]
+def _octet(q, bit):  # type: ignore[no-untyped-def]  # numba types it
     """Bit `bit` of each of the eight bytes of q, as eight bits (the first byte's lowest)."""
     return (((q >> np.uint64(bit)) & ONES) * np.uint64(0x0102040810204080)) >> np.uint64(56)
 
 
 @njit
-def _flat_bytes(q):  # type: ignore[no-untyped-def]
+def _flat_bytes(q):  # type: ignore[no-untyped-def]  # numba types it
     """True if every byte of q is 0, 1 or 255: bits 1 … 7 alike, and 0 set where they are."""
     return ((q ^ (q >> U1)) & np.uint64(0x7E7E7E7E7E7E7E7E)) | ((q >> np.uint64(7)) & ~q & ONES) == U0
 
 
 @njit
-def _running_xor(x):  # type: ignore[no-untyped-def]
+def _running_xor(x):  # type: ignore[no-untyped-def]  # numba types it
     """Bit i of the result is the XOR of bits 0 … i."""
     for shift in (1, 2, 4, 8, 16, 32):
         x ^= x << np.uint64(shift)
@@ -125,7 +125,7 @@ def _running_xor(x):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _fast_row(raw, kind, above, out):  # type: ignore[no-untyped-def]
+def _fast_row(raw, kind, above, out):  # type: ignore[no-untyped-def]  # numba types it
     """Pack one row if it is black and white with filter None, Sub or Up; else False, with `out` half written.
 
     above, out  packed rows; `above` holds all that is in the row above
@@ -170,7 +170,7 @@ def _fast_row(raw, kind, above, out):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def unfilter_8bit(raw, y, width, threshold, rows, lines, firsts, at, values, used):  # type: ignore[no-untyped-def]
+def unfilter_8bit(raw, y, width, threshold, rows, lines, firsts, at, values, used):  # type: ignore[no-untyped-def]  # numba types it
     """Filtered rows of an 8-bit image, the first of them row `y`, → packed rows, and words with greys.
 
     raw    whole rows of 1 + width bytes
@@ -209,7 +209,7 @@ def unfilter_8bit(raw, y, width, threshold, rows, lines, firsts, at, values, use
 
 
 @njit(types.int64(GREYS, types.int64, types.int64, WORK, LINES), cache=True, nogil=True)
-def unfilter_1bit(raw, y, width, rows, lines):  # type: ignore[no-untyped-def]
+def unfilter_1bit(raw, y, width, rows, lines):  # type: ignore[no-untyped-def]  # numba types it
     """The same for a 1-bit image: rows of 1 + ⌈width / 8⌉ bytes, the leftmost pixel in the highest bit.
 
     lines  (3, ⌈width / 8⌉): the row above

@@ -25,7 +25,7 @@ from layerfix.layers.morphology import HALF_WIDTHS
 
 
 @njit(types.int64(WORK, TABLE, IMAGES, IMAGES_FLAGS), cache=True, nogil=True)
-def erosions(solid, levels, depths, live):  # type: ignore[no-untyped-def]
+def erosions(solid, levels, depths, live):  # type: ignore[no-untyped-def]  # numba types it
     """depths[k] = S eroded by the k-th sum of elements; returns how many levels come before the first empty one."""
     wide = np.empty(solid.shape[1], np.uint64)
     copy_live(solid, depths[0], live[0])
@@ -37,7 +37,7 @@ def erosions(solid, levels, depths, live):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _narrowed(columns, w, first, stop, k, line):  # type: ignore[no-untyped-def]
+def _narrowed(columns, w, first, stop, k, line):  # type: ignore[no-untyped-def]  # numba types it
     """line &= column w moved by k pixels to either side, rows first … stop - 1; void outside the array."""
     words, height = columns.shape
     far, near = k >> 6, np.uint64(k & 63)
@@ -64,7 +64,7 @@ def _narrowed(columns, w, first, stop, k, line):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(WORK, HALF_WIDTHS, NUMBERS, IMAGES, IMAGES_FLAGS), cache=True, nogil=True)
-def disc_erosions(solid, half_widths, starts, depths, live):  # type: ignore[no-untyped-def]
+def disc_erosions(solid, half_widths, starts, depths, live):  # type: ignore[no-untyped-def]  # numba types it
     """The same by a disc for each level, where pixels are not square.
 
     A tile of a column at a time, for all levels: a disc is rows that are narrowed to either side.
@@ -116,7 +116,7 @@ def disc_erosions(solid, half_widths, starts, depths, live):  # type: ignore[no-
 
 
 @njit
-def _join(source, live, target, target_live):  # type: ignore[no-untyped-def]
+def _join(source, live, target, target_live):  # type: ignore[no-untyped-def]  # numba types it
     """target |= source."""
     for w in range(1, source.shape[0] - 1):
         start, stop = next_live(live[w], 0)
@@ -131,7 +131,7 @@ def _join(source, live, target, target_live):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _take_unexplained(depths, live, k, top, explained, anchor, out):  # type: ignore[no-untyped-def]
+def _take_unexplained(depths, live, k, top, explained, anchor, out):  # type: ignore[no-untyped-def]  # numba types it
     """out |= the pixels between level k and the next that are neither explained nor anchored."""
     height = anchor.shape[1]
     for w in range(1, anchor.shape[0] - 1):
@@ -152,7 +152,7 @@ def _take_unexplained(depths, live, k, top, explained, anchor, out):  # type: ig
 
 @njit(types.void(WORK, WORK, TABLE, NUMBERS, IMAGES, IMAGES_FLAGS, types.int64, IMAGES, IMAGES_FLAGS, WORK),
       cache=True, nogil=True)  # fmt: skip
-def significant(solid, anchor, schedule, elements, depths, live, top, work, work_live, out):  # type: ignore[no-untyped-def]
+def significant(solid, anchor, schedule, elements, depths, live, top, work, work_live, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = the pixels of S \\ A outside every cone. Levels from `top` on are empty; work: three empty images.
 
     From the deepest level down, what explains (A first) is grown inside S, a step at a time, and what of the level it
@@ -190,7 +190,7 @@ def significant(solid, anchor, schedule, elements, depths, live, top, work, work
 
 
 @njit(types.void(WORK, WORK, WORK, WORK), cache=True, nogil=True)
-def tips(columns, significant_pixels, anchor, out):  # type: ignore[no-untyped-def]
+def tips(columns, significant_pixels, anchor, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = anchor, and the significant pixels left in `columns` whose neighbours lie within 90°: the ends of bars up
     to three pixels wide. (Unless they are kept, Guo–Hall takes a pixel or two off those.)"""
     words, height = columns.shape

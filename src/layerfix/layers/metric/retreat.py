@@ -45,17 +45,17 @@ CROSSING, COUNT, FIRST = _of_neighbourhoods()
 
 
 @njit
-def _bit(columns, y, x):  # type: ignore[no-untyped-def]
+def _bit(columns, y, x):  # type: ignore[no-untyped-def]  # numba types it
     return (columns[x >> 6, y] >> np.uint64(x & 63)) & U1 != U0
 
 
 @njit
-def _clear(columns, y, x):  # type: ignore[no-untyped-def]
+def _clear(columns, y, x):  # type: ignore[no-untyped-def]  # numba types it
     columns[x >> 6, y] &= ~(U1 << np.uint64(x & 63))
 
 
 @njit
-def _three(columns, y, x):  # type: ignore[no-untyped-def]
+def _three(columns, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """Pixels x - 1, x, x + 1 of row y as bits 0, 1, 2."""
     w, bit = x >> 6, x & 63
     if bit == 0:
@@ -66,7 +66,7 @@ def _three(columns, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(WORK, types.int64, types.int64), cache=True, nogil=True)
-def _neighbourhood(columns, y, x):  # type: ignore[no-untyped-def]
+def _neighbourhood(columns, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """The eight neighbours of (y, x), bit k for neighbour k + 1."""
     up, middle, low = (
         np.int64(_three(columns, y - 1, x)),
@@ -79,7 +79,7 @@ def _neighbourhood(columns, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(WORK, WORK, SPOTS), cache=True, nogil=True)
-def simple_pixels(columns, anchor, spots):  # type: ignore[no-untyped-def]
+def simple_pixels(columns, anchor, spots):  # type: ignore[no-untyped-def]  # numba types it
     """Fill spots (n, 2: y, x) with the pixels of crossing number 1 that are not anchored, as many as fit.
 
     Returns how many there are.
@@ -114,7 +114,7 @@ def simple_pixels(columns, anchor, spots):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _by_rows(spots, count, height):  # type: ignore[no-untyped-def]
+def _by_rows(spots, count, height):  # type: ignore[no-untyped-def]  # numba types it
     """The spots row by row, from the left: so the order does not depend on where words of 64 pixels begin, and a
     layer that is moved comes out moved. They come column of words by column of words, each from the top."""
     starts = np.zeros(height + 1, np.int64)
@@ -131,7 +131,7 @@ def _by_rows(spots, count, height):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _depth(depths, top, offsets, lengths, outside, y, x):  # type: ignore[no-untyped-def]
+def _depth(depths, top, offsets, lengths, outside, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """Distance from (y, x) to the nearest void pixel; the deepest level that holds it says what not to look at."""
     k = 0
     while k + 1 < top and _bit(depths[k + 1], y, x):
@@ -145,7 +145,7 @@ def _depth(depths, top, offsets, lengths, outside, y, x):  # type: ignore[no-unt
 
 
 @njit
-def _demand(balls, radii, following, head, y, x, scale):  # type: ignore[no-untyped-def]
+def _demand(balls, radii, following, head, y, x, scale):  # type: ignore[no-untyped-def]  # numba types it
     """What radius a disc at (y, x) needs to hold the balls of the list that starts at `head`."""
     most = 0.0
     while head >= 0:
@@ -156,7 +156,7 @@ def _demand(balls, radii, following, head, y, x, scale):  # type: ignore[no-unty
 
 
 @njit
-def _slot(keys, key):  # type: ignore[no-untyped-def]
+def _slot(keys, key):  # type: ignore[no-untyped-def]  # numba types it
     """Slot of a key in an open hash table, or of the empty slot where it belongs."""
     mask = keys.shape[0] - 1
     i = (key * 0x9E3779B1) & mask
@@ -166,7 +166,7 @@ def _slot(keys, key):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _filled(count):  # type: ignore[no-untyped-def]
+def _filled(count):  # type: ignore[no-untyped-def]  # numba types it
     """(count,) int64, all -1."""
     out = np.empty(count, np.int64)
     for i in range(count):
@@ -175,7 +175,7 @@ def _filled(count):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _leave(keys, heads, used, key, head):  # type: ignore[no-untyped-def]
+def _leave(keys, heads, used, key, head):  # type: ignore[no-untyped-def]  # numba types it
     """Keep a list at a pixel. Returns the table, which may have grown, and how many slots are used."""
     if 2 * used > keys.shape[0]:
         old_keys, old_heads = keys, heads
@@ -191,7 +191,7 @@ def _leave(keys, heads, used, key, head):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _twice(balls, radii, following):  # type: ignore[no-untyped-def]
+def _twice(balls, radii, following):  # type: ignore[no-untyped-def]  # numba types it
     """The same lists with room for as many again."""
     n = radii.shape[0]
     more, more_radii, more_following = np.empty((2 * n, 2), np.int64), np.empty(2 * n), _filled(2 * n)
@@ -201,13 +201,13 @@ def _twice(balls, radii, following):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _is_end(columns, anchor, y, x):  # type: ignore[no-untyped-def]
+def _is_end(columns, anchor, y, x):  # type: ignore[no-untyped-def]  # numba types it
     """Whether a pixel may be deleted, now that a neighbour has gone."""
     return not _bit(anchor, y, x) and CROSSING[_neighbourhood(columns, y, x)] == 1
 
 
 @njit
-def _first_ends(columns, anchor, spots, count, ends):  # type: ignore[no-untyped-def]
+def _first_ends(columns, anchor, spots, count, ends):  # type: ignore[no-untyped-def]  # numba types it
     """Delete corners of 4-connected steps and branches of one pixel; write what else is simple, or becomes so, to
     ends (y, x). Returns how many."""
     found = 0
@@ -234,7 +234,7 @@ def _first_ends(columns, anchor, spots, count, ends):  # type: ignore[no-untyped
 @njit(types.int64(WORK, WORK, WORK, IMAGES, types.int64, TABLE, LENGTHS, NUMBERS,
                   types.float64, types.UniTuple(types.float64, 2), types.float64),
       cache=True, nogil=True)  # fmt: skip
-def retreat(columns, anchor, significant_pixels, depths, top, offsets, lengths, outside, radius, scale, pixel):  # type: ignore[no-untyped-def]
+def retreat(columns, anchor, significant_pixels, depths, top, offsets, lengths, outside, radius, scale, pixel):  # type: ignore[no-untyped-def]  # numba types it
     """Draw the ends back in place, the least demanding first. Returns how many pixels were looked at.
 
     depths, top  the erosions and how many are not empty; offsets, lengths, outside, scale, pixel: of the `Plan`

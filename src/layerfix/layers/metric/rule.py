@@ -26,7 +26,7 @@ ZEROS = types.Array(types.uint64, 1, "C")
 
 
 @njit(types.void(WORK, WORK, WORK, types.boolean, WORK), cache=True, nogil=True)
-def thin_protected(columns, anchor, protected, everywhere, scratch):  # type: ignore[no-untyped-def]
+def thin_protected(columns, anchor, protected, everywhere, scratch):  # type: ignore[no-untyped-def]  # numba types it
     """Guo–Hall around `anchor` until nothing changes; ends go in each round, unless they are `protected`.
 
     Unless `everywhere`, it begins only near what is protected and not anchored.
@@ -55,7 +55,7 @@ def thin_protected(columns, anchor, protected, everywhere, scratch):  # type: ig
 
 
 @njit
-def _either(a, b, out):  # type: ignore[no-untyped-def]
+def _either(a, b, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = a ∪ b."""
     for w in range(a.shape[0]):
         left, right, line = a[w], b[w], out[w]
@@ -64,14 +64,14 @@ def _either(a, b, out):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(PLAN, types.int64, types.int64), cache=True, nogil=True)
-def zeros_needed(plan, words, height):  # type: ignore[no-untyped-def]
+def zeros_needed(plan, words, height):  # type: ignore[no-untyped-def]  # numba types it
     """How many words the images of a strip take, in a layer of so many columns and rows."""
     halo, strip = (plan[11] + 63) // 64, plan[12]
     return (plan[0].shape[0] + 4) * min(strip + 2 * halo + 2, words) * height
 
 
 @njit(types.void(WORK, WORK, PLAN, ZEROS, WORK, WORK), cache=True, nogil=True)
-def significant_pixels(solid, anchor, plan, zeros, spare, out):  # type: ignore[no-untyped-def]
+def significant_pixels(solid, anchor, plan, zeros, spare, out):  # type: ignore[no-untyped-def]  # numba types it
     """out = the pixels of S \\ A outside every cone, a strip of columns at a time, near S \\ A only.
 
     What is significant depends on pixels nearer than `Plan.margin_px`. The images of a strip stay in the processor's
@@ -104,7 +104,7 @@ def significant_pixels(solid, anchor, plan, zeros, spare, out):  # type: ignore[
 
 
 @njit(types.void(WORK, WORK, WORK, IMAGES, PLAN, ZEROS), cache=True, nogil=True)
-def thin_metric(columns, solid, anchor, scratch, plan, zeros):  # type: ignore[no-untyped-def]
+def thin_metric(columns, solid, anchor, scratch, plan, zeros):  # type: ignore[no-untyped-def]  # numba types it
     """Thin `columns` in place around `anchor` to the meso-skeleton whose ends are measured.
 
     columns, anchor  (words, height) with an empty border, `layerfix.layers.columns`

@@ -22,19 +22,19 @@ U2, U3, U61, U62 = np.uint64(2), np.uint64(3), np.uint64(61), np.uint64(62)
 
 
 @njit
-def tiles_of(height):  # type: ignore[no-untyped-def]
+def tiles_of(height):  # type: ignore[no-untyped-def]  # numba types it
     """Tiles in a column of so many rows, two of which are border."""
     return (height - 2 + TILE - 1) // TILE
 
 
 @njit
-def tile_rows(tile, height):  # type: ignore[no-untyped-def]
+def tile_rows(tile, height):  # type: ignore[no-untyped-def]  # numba types it
     """First row of a tile, also the last one's end."""
     return min(1 + tile * TILE, height - 1)
 
 
 @njit
-def next_live(flags, start):  # type: ignore[no-untyped-def]
+def next_live(flags, start):  # type: ignore[no-untyped-def]  # numba types it
     """(first, past the last) tile of the next run of live ones from `start`; first = len(flags) if there is none."""
     tiles = flags.shape[0]
     while start < tiles and not flags[start]:
@@ -46,7 +46,7 @@ def next_live(flags, start):  # type: ignore[no-untyped-def]
 
 
 @njit
-def flag(line, live):  # type: ignore[no-untyped-def]
+def flag(line, live):  # type: ignore[no-untyped-def]  # numba types it
     """live[t] = whether tile t of part of a column has a bit; True if one has."""
     any_live = Q0
     for t in range(live.shape[0]):
@@ -60,7 +60,7 @@ def flag(line, live):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, WORK, FLAGS), cache=True, nogil=True)
-def copy_live(source, target, live):  # type: ignore[no-untyped-def]
+def copy_live(source, target, live):  # type: ignore[no-untyped-def]  # numba types it
     """target = source, and its flags; target must be empty."""
     height = source.shape[1]
     for w in range(1, source.shape[0] - 1):
@@ -75,7 +75,7 @@ def copy_live(source, target, live):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(IMAGES, IMAGES_FLAGS), cache=True, nogil=True)
-def clear_live(images, live):  # type: ignore[no-untyped-def]
+def clear_live(images, live):  # type: ignore[no-untyped-def]  # numba types it
     """Empty images and flags, touching live tiles only."""
     for k in range(images.shape[0]):
         for w in range(images.shape[1]):
@@ -90,7 +90,7 @@ def clear_live(images, live):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _clear_tile(line, tile, live):  # type: ignore[no-untyped-def]
+def _clear_tile(line, tile, live):  # type: ignore[no-untyped-def]  # numba types it
     """Empty one tile of a column, if it is not."""
     if live[tile]:
         part = line[tile_rows(tile, line.shape[0]) : tile_rows(tile + 1, line.shape[0])]
@@ -100,14 +100,14 @@ def _clear_tile(line, tile, live):  # type: ignore[no-untyped-def]
 
 
 @njit
-def clear_tiles(line, first, stop, live):  # type: ignore[no-untyped-def]
+def clear_tiles(line, first, stop, live):  # type: ignore[no-untyped-def]  # numba types it
     """Empty some tiles of a column."""
     for t in range(first, stop):
         _clear_tile(line, t, live)
 
 
 @njit
-def _near_tile(seen, top, bottom, near):  # type: ignore[no-untyped-def]
+def _near_tile(seen, top, bottom, near):  # type: ignore[no-untyped-def]  # numba types it
     """Which of the nine tiles around one lie within `near` < 64 px of its pixels, as nine bits, from the north-west.
 
     seen: its rows, ORed; top, bottom: the same of its first and last `near` rows
@@ -122,7 +122,7 @@ def _near_tile(seen, top, bottom, near):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(WORK, WORK, types.int64, WORK, FLAGS, WORK, FLAGS), cache=True, nogil=True)
-def near_free(solid, anchor, margin, near_solid, solid_live, near_anchor, anchor_live):  # type: ignore[no-untyped-def]
+def near_free(solid, anchor, margin, near_solid, solid_live, near_anchor, anchor_live):  # type: ignore[no-untyped-def]  # numba types it
     """S and A in the tiles within `margin` px of a pixel of S \\ A, into two empty images."""
     words, height = solid.shape
     tiles = solid_live.shape[1]
@@ -164,7 +164,7 @@ def near_free(solid, anchor, margin, near_solid, solid_live, near_anchor, anchor
 
 
 @njit
-def _grown(west, here, east, within, line, element):  # type: ignore[no-untyped-def]
+def _grown(west, here, east, within, line, element):  # type: ignore[no-untyped-def]  # numba types it
     n = line.shape[0]
     if element == CROSS:
         for i in range(n):
@@ -187,7 +187,7 @@ def _grown(west, here, east, within, line, element):  # type: ignore[no-untyped-
 
 
 @njit(types.void(WORK, FLAGS, WORK, types.int64, WORK, FLAGS), cache=True, nogil=True)
-def grow(image, live, within, element, out, out_live):  # type: ignore[no-untyped-def]
+def grow(image, live, within, element, out, out_live):  # type: ignore[no-untyped-def]  # numba types it
     """out = within ∩ (image ⊕ element)."""
     words, height = image.shape
     tiles = live.shape[1]
@@ -213,7 +213,7 @@ def grow(image, live, within, element, out, out_live):  # type: ignore[no-untype
 
 
 @njit
-def _shrunk(west, here, east, line, element):  # type: ignore[no-untyped-def]
+def _shrunk(west, here, east, line, element):  # type: ignore[no-untyped-def]  # numba types it
     n = line.shape[0]
     if element == CROSS:
         for i in range(n):
@@ -228,7 +228,7 @@ def _shrunk(west, here, east, line, element):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _shrunk_by_disc(west, here, east, wide, line):  # type: ignore[no-untyped-def]
+def _shrunk_by_disc(west, here, east, wide, line):  # type: ignore[no-untyped-def]  # numba types it
     """The disc of radius 3, rows of 1, 5, 5, 7, 5, 5, 1; the three columns have 3 rows more at each end."""
     n = line.shape[0]
     for i in range(n + 6):
@@ -243,7 +243,7 @@ def _shrunk_by_disc(west, here, east, wide, line):  # type: ignore[no-untyped-de
 
 
 @njit
-def shrink(image, live, element, out, out_live, wide):  # type: ignore[no-untyped-def]
+def shrink(image, live, element, out, out_live, wide):  # type: ignore[no-untyped-def]  # numba types it
     """out = image ⊖ element (CROSS, SQUARE or DISC3); True if anything is left. wide: a column, scratch."""
     words, height = image.shape
     any_left = False
