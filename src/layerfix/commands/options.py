@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from layerfix.errors import InputError
 
@@ -129,6 +129,32 @@ def refuse_given(part: Slicing | Greys, why: str) -> None:
     names = [f.name for f in fields(part) if getattr(part, f.name) is not None]
     if names:
         raise InputError(f"{', '.join(map(flag, names))}: {why}")
+
+
+class Raster(NamedTuple):
+    """Pixels, layers and minimum feature that a mesh is printed in."""
+
+    pixel_mm: tuple[float, float]
+    layer_mm: float
+    first_layer_mm: float | None
+    min_feature_mm: float
+
+
+def raster_of(options: Options, name: object, hint: Callable[[], str] = lambda: "") -> Raster:
+    """What was given, else the printer's. Raises InputError, naming the mesh, for what neither says."""
+    from layerfix.layers.feature import check_feature_mm
+
+    printer, frame = options.printer, options.frame
+    pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
+    layer_mm = frame.layer_mm or (printer.layer_mm if printer else None)
+    if pixel_mm is None or layer_mm is None:
+        raise InputError(
+            f"{name}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm){hint()}"
+        )
+    first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
+    min_feature_mm = min_feature_of(options)
+    check_feature_mm(min_feature_mm, pixel_mm)
+    return Raster(pixel_mm, layer_mm, first_mm, min_feature_mm)
 
 
 def min_feature_of(options: Options, hint: Callable[[], str] = lambda: "") -> float:

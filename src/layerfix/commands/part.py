@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from layerfix.commands.machines import hint_of, project_printers, told_of_service
-from layerfix.commands.options import Options, min_feature_of, refuse_given
+from layerfix.commands.options import Options, raster_of, refuse_given
 from layerfix.errors import InputError
 from layerfix.formats import read_mesh
-from layerfix.layers.feature import check_feature_mm
 from layerfix.mesh.empty import told_of_ends
 from layerfix.mesh.slicing import slice_mesh
 from layerfix.units import format_mm
@@ -56,17 +55,10 @@ def open_part(
     mesh: of the source, where it stands on the plate; it is not turned then
     """
     refuse_given(options.greys, f"goes with images and jobs; {source} is a mesh")
-    printer, frame = options.printer, options.frame
-    pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
-    layer_mm = frame.layer_mm or (printer.layer_mm if printer else None)
-    if pixel_mm is None or layer_mm is None:
-        raise InputError(
-            f"{source}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)"
-            f"{hint_of(source, project_printers(source))}"
-        )
-    first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
-    min_feature_mm = min_feature_of(options)
-    check_feature_mm(min_feature_mm, pixel_mm)
+    printer = options.printer
+    pixel_mm, layer_mm, first_mm, min_feature_mm = raster_of(
+        options, source, lambda: hint_of(source, project_printers(source))
+    )
     paths = options.path_settings()
     if paths is not None:
         for height in (layer_mm, first_mm or layer_mm):

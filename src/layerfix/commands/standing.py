@@ -6,9 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from layerfix.commands.options import min_feature_of
-from layerfix.errors import InputError
-from layerfix.layers.feature import check_feature_mm
+from layerfix.commands.options import raster_of
 from layerfix.orientation.find import Options as SearchOptions
 from layerfix.orientation.find import find
 from layerfix.orientation.objective import Objective, Printing
@@ -22,19 +20,11 @@ if TYPE_CHECKING:
 
 def printing_of(mesh: Mesh, options: Options) -> Printing:
     """How the part would be printed, from what was given and the printer. Raises InputError for what is missing."""
-    printer, frame = options.printer, options.frame
-    pixel_mm = frame.pixel_mm or (printer.pixel_mm if printer else None)
-    layer_mm = frame.layer_mm or (printer.layer_mm if printer else None)
-    if pixel_mm is None or layer_mm is None:
-        raise InputError(
-            f"{mesh.name}: a mesh needs --printer, or --pixel and --layer (such as --pixel 50um --layer 0.05mm)"
-        )
-    first_mm = frame.first_layer_mm or (printer.first_layer_mm if printer and not frame.layer_mm else None)
-    min_feature_mm = min_feature_of(options)
-    check_feature_mm(min_feature_mm, pixel_mm)
+    raster, printer = raster_of(options, mesh.name), options.printer
     mode = options.correction.mode or (printer.mode if printer else "as_printed")
     spurs = options.correction.spurs or "metric"
-    return Printing(pixel_mm, layer_mm, min_feature_mm, first_mm, mode, spurs, options.slicing.fill or "nonzero")
+    return Printing(raster.pixel_mm, raster.layer_mm, raster.min_feature_mm, raster.first_layer_mm, mode, spurs,
+                    options.slicing.fill or "nonzero")  # fmt: skip
 
 
 def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None]) -> tuple[Mesh, Orientation]:
