@@ -15,8 +15,9 @@ ROOT = Path(layerfix.__file__).parent
 
 # Folders and the few modules outside them, from the ground up. A folder imports only from floors below, and from
 # its own floor where that makes no circle of folders.
+KERNELS = "kernels", "kernel_cache", "kernels_ahead"
 FLOORS = {
-    0: ("errors", "units", "bits", "files", "console", "kernels", "kernel_cache", "kernels_ahead", "processors"),
+    0: ("errors", "units", "bits", "files", "console", "processors", "threads", *KERNELS),
     1: ("stack", "printers"),
     2: ("layers", "mesh"),
     3: ("outlines", "fdm", "surface", "draw", "samples", "orientation"),

@@ -1,21 +1,18 @@
-"""LayerStack: the one value that flows through layerfix, and the only place that knows of workers."""
+"""LayerStack: the one value that flows through layerfix, and with `layerfix.threads` all that knows of workers."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from queue import Empty, SimpleQueue
-from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 
 from layerfix.bits import pack, unpack, words_for
 from layerfix.errors import InputError
 from layerfix.processors import processors
+from layerfix.threads import Remembered, in_threads
 from layerfix.units import one_or_two
 
 if TYPE_CHECKING:
@@ -26,8 +23,7 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 NOTEBOOK_PX = 1024
 LARGEST_ARRAY = 4 << 30  # bytes of one array of all layers
-TURN_S = 6e-3  # what a thread takes in a row takes about so long
-MOST_AT_ONCE, AT_ONCE_BYTES = 16, 1 << 20  # and is at most so much
+MOST_AT_ONCE, AT_ONCE_BYTES = 16, 1 << 20  # of layers that a thread takes in a row
 
 
 @dataclass(frozen=True)
@@ -296,7 +292,7 @@ class LayerStack(Sequence[Layer]):
                     result = use(make(i))
                 yield result
             return
-        yield from _in_threads(lambda i: use(make(i)), first_alike, workers, self._at_once())
+        yield from in_threads(lambda i: use(make(i)), first_alike, workers, self._at_once())
 
     def each_with_neighbours(
         self, use: Callable[[int, Sequence[Layer], Layer, Sequence[Layer]], Result], *, below: int, above: int
@@ -313,7 +309,7 @@ class LayerStack(Sequence[Layer]):
             around = [made(k) for k in range(first, stop)]
             return use(i, around[: i - first], around[i - first], around[i - first + 1 :])
 
-        yield from _in_threads(work, list(range(len(self))), workers, 1)
+        yield from in_threads(work, list(range(len(self))), workers, 1)
 
     def _at_once(self) -> int:
         """How many layers in a row a thread may take: of small ones some."""
@@ -329,100 +325,6 @@ class LayerStack(Sequence[Layer]):
         heights = self.z_mm[:, 1] - self.z_mm[:, 0]
         heights[1:][(self.z_mm[1:] == self.z_mm[:-1]).all(axis=1)] = 0.0
         return heights
-
-
-class Remembered(Generic[Result]):
-    """A `make` by index that keeps what was asked for last; a thread that asks for one being made waits for it."""
-
-    def __init__(self, make: Callable[[int], Result], keep: int) -> None:
-        self._make, self._keep = make, keep
-        self._lock = Lock()
-        self._made: dict[int, Result] = {}
-        self._making: dict[int, Lock] = {}
-
-    def __call__(self, index: int) -> Result:
-        with self._lock:
-            if index in self._made:
-                return self._again(index)
-            turn = self._making.setdefault(index, Lock())
-        with turn:
-            with self._lock:
-                if index in self._made:
-                    return self._again(index)
-            result = self._make(index)
-            with self._lock:
-                self._made[index] = result
-                self._making.pop(index, None)
-                while len(self._made) > self._keep:
-                    del self._made[next(iter(self._made))]  # what was not asked for the longest
-            return result
-
-    def _again(self, index: int) -> Result:
-        result = self._made[index] = self._made.pop(index)
-        return result
-
-
-def _in_threads(work: Callable[[int], Result], order: list[int], workers: int, most: int) -> Generator[Result]:
-    """Yield work(order[0]), work(order[1]) … as so many threads make them; equal neighbours are made once.
-
-    A thread takes one at a time or, if they turn out to take less than TURN_S, up to `most` in a row: handing over
-    costs as much as a tenth of a small layer, and neighbours share what they are cut from. What `work` raises comes
-    in its turn, as with one worker: after the results of all that is below it.
-
-    No executor and no futures: their locks are Python's own, and a Ctrl-C that arrives just after the main thread
-    has taken one leaves it taken, for ever (seen once in some hundred interrupted runs). SimpleQueue is C.
-    """
-    todo: SimpleQueue[list[int]] = SimpleQueue()
-    done: SimpleQueue[tuple[list[tuple[int, Any, BaseException | None]], float]] = SimpleQueue()
-    over: list[bool] = []
-
-    def labour() -> None:
-        while chosen := todo.get():
-            made: list[tuple[int, Any, BaseException | None]] = []
-            begun = time.perf_counter()
-            for i in chosen:
-                if over:
-                    break
-                try:
-                    made.append((i, work(i), None))
-                except BaseException as problem:
-                    made.append((i, None, problem))
-                    break
-            done.put((made, time.perf_counter() - begun))
-            del made  # or its results would outlive the reader's interest by a turn
-
-    threads = [Thread(target=labour, name=f"layers-{n}", daemon=True) for n in range(workers)]
-    ready: dict[int, tuple[Any, BaseException | None]] = {}
-    asked, at_once = 0, 1
-    try:
-        for thread in threads:
-            thread.start()
-        for index, wanted in enumerate(order):
-            while asked < min(index + 1 + 2 * workers * at_once, len(order)):
-                stop = min((asked // at_once + 1) * at_once, len(order))
-                if chosen := [k for k in range(asked, stop) if order[k] == k]:
-                    todo.put(chosen)
-                asked = stop
-            while wanted not in ready:
-                made, seconds = done.get()
-                ready.update((i, (result, problem)) for i, result, problem in made)
-                at_once = 1 << (max(1, min(most, int(TURN_S * len(made) / max(seconds, 1e-9)))).bit_length() - 1)
-                del made
-            if (wrong := ready[wanted][1]) is not None:
-                raise wrong
-            yield ready[wanted][0]
-            if index + 1 == len(order) or order[index + 1] != wanted:
-                del ready[wanted]
-    finally:
-        over.append(True)
-        with suppress(Empty):
-            while True:
-                todo.get_nowait()
-        for _ in threads:
-            todo.put([])
-        for thread in threads:
-            if thread.ident is not None:  # it was started
-                thread.join()
 
 
 def pitch_mm(pixel_mm: float | tuple[float, float]) -> tuple[float, float]:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import layerfix as lf
+from layerfix.mesh.cutter import bucket, cut
 from layerfix.mesh.fill import fill
 from layerfix.mesh.pieces import small_pieces
-from layerfix.mesh.slicing import bucket, cut
 from layerfix.orientation.candidates import facets, large_faces
 from layerfix.orientation.directions import AS_GIVEN, Pose, fibonacci, pose_of
 from layerfix.orientation.engines import Engine, Threads

@@ -46,7 +46,7 @@ def slowest_kernels(count: int) -> list[list[object]]:
     modules = [f"layerfix.layers.{name}" for name in ("columns", "morphology", "thinning", "skeleton", "thickness",
                                                        "correction")]  # fmt: skip
     with event.install_recorder("numba:compile") as recorder:
-        for kernel in kernels_of(*modules, "layerfix.mesh.slicing", "layerfix.formats.png.encode"):
+        for kernel in kernels_of(*modules, "layerfix.mesh.cutter", "layerfix.formats.png.encode"):
             kernel.ready()
     spent: dict[str, float] = {}
     starts: list[tuple[float, str, float]] = []

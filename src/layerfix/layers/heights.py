@@ -16,7 +16,8 @@ import numpy as np
 from layerfix.errors import InputError
 from layerfix.layers.flood import flood
 from layerfix.layers.morphology import dilate
-from layerfix.stack import Layer, LayerStack, Remembered
+from layerfix.stack import Layer, LayerStack
+from layerfix.threads import Remembered
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -28,7 +28,7 @@ from layerfix.layers.neighbours import bit_at
 from layerfix.mesh.crossings import KEYS, Z_BITS, crossings, longer
 from layerfix.mesh.facet_runs import SLAB, SLAB_FACETS, facet_runs, intervals_of, may_pair, paired, slabs_of
 from layerfix.mesh.fill import BITS, EVEN_ODD, ONE, SEGMENTS, below, row_crossings, sort, winding_is_inside
-from layerfix.stack import Remembered
+from layerfix.threads import Remembered
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -18,7 +18,8 @@ from layerfix.layers.drawing import box_with_reach, draw_paths, missing_places
 from layerfix.layers.metric.levels import PLAN
 from layerfix.layers.metric.rule import zeros_needed
 from layerfix.layers.print_paths import IMAGES_OF_LAYER, TOOL, find_printed
-from layerfix.mesh.slicing import HEIGHTS, POINTS, SNAP_PER_PX, TRIANGLES, bucket, fill_cut
+from layerfix.mesh.cutter import SNAP_PER_PX, bucket, fill_cut
+from layerfix.mesh.facet_runs import HEIGHTS, POINTS, TRIANGLES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -20,8 +20,9 @@ from layerfix.layers.correction import correct
 from layerfix.layers.feature import feature_of_mm
 from layerfix.layers.print_paths import Tool, tool_of
 from layerfix.mesh.closing import edges_balance, keys_balance, orient
+from layerfix.mesh.cutter import pixels_and_planes
 from layerfix.mesh.doubles import any_doubles, without_doubles
-from layerfix.mesh.slicing import FILLS, pixels_and_planes, slice_mesh
+from layerfix.mesh.slicing import FILLS, slice_mesh
 from layerfix.mesh.triangles import Mesh
 from layerfix.orientation.counting import count_layers, snap, stand
 from layerfix.orientation.directions import AS_GIVEN, Pose
