@@ -8,25 +8,21 @@ nothing that was there is taken away.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-from numba import types
 
-from layerfix.bits import ROWS, WORK, pack, popcount, unpack
+from layerfix.bits import pack, unpack
 from layerfix.errors import InputError
-from layerfix.kernels import njit
-from layerfix.layers.columns import BOX, Room, fill_columns, to_rows
+from layerfix.layers.columns import Room, to_rows
 from layerfix.layers.components import smaller_than
-from layerfix.layers.drawing import box_with_reach, draw_paths, missing_places
 from layerfix.layers.feature import Feature, Radius, feature_of_mm, feature_of_size
-from layerfix.layers.gaps import GROWS, Conflict, Grow, centres_apart, grow_apart, one_by_one, void_parts
+from layerfix.layers.gaps import GROWS, Conflict, Grow
 from layerfix.layers.heights import Raised, with_min_layers
 from layerfix.layers.latest import Latest
-from layerfix.layers.print_paths import IMAGES_OF_LAYER, printed_and_paths, tool_of
+from layerfix.layers.one_layer import Free, corrected_columns, finish
 from layerfix.layers.skeleton import Spurs, check_spurs, feature_and_rule
 from layerfix.layers.specks import with_specks
-from layerfix.layers.thickness import narrowest
 from layerfix.layers.topology import TopologyChange, box_of, changes_of
 from layerfix.stack import Change
 from layerfix.units import format_mm
@@ -37,135 +33,11 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from layerfix.bits import Rows
-    from layerfix.layers.gaps import Kind as Conflicting
     from layerfix.stack import Layer, LayerStack
 
-    Columns = NDArray[np.uint64]
-    Found = tuple[Conflicting, NDArray[np.int64], float]  # a component: area and box; its width in mm
 
 Mode = Literal["as_printed", "add_only"]
 MODES: tuple[Mode, ...] = get_args(Mode)
-
-
-@njit(types.UniTuple(types.int64, 3)(ROWS, WORK), cache=True, nogil=True)
-def _count_changes(before, after):  # type: ignore[no-untyped-def]  # numba types it
-    """(solid before, added, removed) in pixels."""
-    solid, added, removed = 0, 0, 0
-    for y in range(before.shape[0]):
-        for w in range(before.shape[1]):
-            a, b = before[y, w], after[y, w]
-            if a:
-                solid += popcount(a)
-            if a != b:
-                added += popcount(b & ~a)
-                removed += popcount(a & ~b)
-    return solid, added, removed
-
-
-@njit(
-    types.Tuple((types.int64, types.int64, types.int64, types.float64))(
-        ROWS, WORK, WORK, WORK, BOX, types.int64, types.float64, types.float64, types.float64, WORK
-    ),
-    cache=True,
-    nogil=True,
-)
-def _finish(before, solid, paths, printed, outer, width, limit_mm, px_mm, py_mm, out):  # type: ignore[no-untyped-def]  # numba types it
-    """out |= what is printed, as rows. Returns (solid before, added, removed) in pixels, and how narrow S is on the
-    paths."""
-    to_rows(printed, outer, width, out)
-    counts = _count_changes(before, out)
-    return counts[0], counts[1], counts[2], narrowest(solid, paths, limit_mm, px_mm, py_mm)
-
-
-@dataclass(frozen=True)
-class _Free:
-    """What is to stay free, in pixels; keep_out are packed rows where nothing is added."""
-
-    gap_px: tuple[float, float] | None = None
-    grow: Grow = "both"
-    keep_out: Rows | None = None
-
-
-class _Corrected(NamedTuple):
-    """A box, and as columns of it, in a `Room`: S, its paths, where F was drawn, the result."""
-
-    outer: tuple[int, int, int, int]
-    solid: Columns
-    paths: Columns
-    centres: Columns
-    printed: Columns
-    conflicts: list[Found]
-
-
-def _corrected(
-    rows: Rows,
-    feature: Feature,
-    spurs: Spurs,
-    add_only: bool,
-    room: Room,
-    free: _Free | None = None,
-    pixel_mm: tuple[float, float] = (1.0, 1.0),
-    small: NDArray[np.int64] | None = None,
-) -> _Corrected | None:
-    """One layer; None if it is empty."""
-    disc = feature.half_widths, *feature.block
-    shifts = free is not None and (free.keep_out is not None or free.grow != "both")
-    reach_x, reach_y = feature.reach_px
-    outer = box_with_reach(rows, (1 + shifts) * reach_x, (1 + shifts) * reach_y)
-    if outer[1] == 0:
-        return None
-    images = room.columns(outer, IMAGES_OF_LAYER)
-    solid, _, skeleton, printed, paths, spare = images[:6]
-    fill_columns(rows, outer, solid)
-    centres = paths
-    conflicts: list[Found] = []
-    gap_px = None if free is None else free.gap_px
-    tool = tool_of(feature, spurs)
-    found_any = printed_and_paths(images, tool, room, whole=gap_px is not None, draw=not shifts)
-    if found_any and shifts and free is not None:
-        centres, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
-        draw_paths(centres, printed, *disc, spare)
-    dots = np.empty_like(solid) if small is not None else solid
-    if small is not None and missing_places(printed, small, outer[0], 64 * outer[2], dots):
-        if free is not None and shifts:
-            dots, more = _kept_out(solid, dots, outer, feature, free, pixel_mm)
-            conflicts += more
-        draw_paths(dots, printed, *disc, spare)
-        paths, centres = paths | dots & solid, centres | dots
-    if add_only:
-        np.bitwise_or(printed, solid, out=printed)
-    if gap_px is not None:
-        found = grow_apart(solid, skeleton, printed, centres, feature, gap_px, pixel_mm)
-        conflicts += [("gap", *one) for one in found]
-    return _Corrected(outer, solid, paths, centres, printed, conflicts)
-
-
-def _kept_out(
-    solid: Columns,
-    paths: Columns,
-    outer: tuple[int, int, int, int],
-    feature: Feature,
-    free: _Free,
-    pixel_mm: tuple[float, float],
-) -> tuple[Columns, list[Found]]:
-    """(where F is drawn so that nothing is added where nothing is to be; conflicts)."""
-    forbidden = np.zeros_like(solid)
-    if free.keep_out is not None:
-        fill_columns(free.keep_out, outer, forbidden)
-    if free.grow != "both":
-        side = np.empty_like(solid)
-        void_parts(solid, free.grow == "outward", side)
-        forbidden |= side
-    centres, stuck = np.empty_like(solid), np.empty_like(solid)
-    if not centres_apart(solid, forbidden, paths, feature, centres, stuck):
-        return centres, []
-    limit_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
-    found: list[Found] = []
-    for part, only in one_by_one(stuck):
-        inside = only & solid  # a crumb may hold no pixel
-        width_mm = narrowest(solid, inside, limit_mm, *pixel_mm) if inside.any() else min(pixel_mm)
-        found.append(("keep_out", part, float(width_mm)))
-    return centres, found
 
 
 def _check_mode(mode: str) -> None:
@@ -296,7 +168,7 @@ class _Correction:
             inside = (y < layer.height) & (x < layer.width)
             y, x = np.where(inside, y, 0), np.where(inside, x, 0)
             small = small[(specks[y, x >> 6] >> (x & 63).astype(np.uint64)) & np.uint64(1) == 0]
-        found = _corrected(
+        found = corrected_columns(
             wanted,
             feature,
             self.spurs,
@@ -315,7 +187,7 @@ class _Correction:
         feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
         if specks is not None and ignored_px:
             rows |= specks
-        solid, added, removed, thinnest_mm = _finish(
+        solid, added, removed, thinnest_mm = finish(
             layer.rows, found.solid, found.paths, found.printed, outer, layer.width, feature_mm, *pixel_mm, rows
         )
         paths = None
@@ -337,7 +209,7 @@ class _Correction:
         )  # fmt: skip
         return replace(layer, rows=rows, change=change)
 
-    def _free(self, layer: Layer) -> _Free | None:
+    def _free(self, layer: Layer) -> Free | None:
         if self.keep_gaps_mm is None and self.keep_out is None and self.grow == "both":
             return None
         gap_px, keep_out = None, None
@@ -348,7 +220,7 @@ class _Correction:
             at = int(np.searchsorted(bounds[:, 0], middle, side="right")) - 1
             if at >= 0 and middle < bounds[at, 1]:
                 keep_out = self.keep_out.make(at).rows
-        return _Free(gap_px, self.grow, keep_out)
+        return Free(gap_px, self.grow, keep_out)
 
     def _feature(self, layer: Layer) -> Feature:
         if len(self.features) == 1:
@@ -453,7 +325,7 @@ def _correction_of(fixed: LayerStack) -> Any:
 def correct_rows(rows: Rows, width: int, feature: Feature, mode: Mode, spurs: Spurs) -> Rows:
     """One layer corrected as packed rows: (H, words) → (H, words)."""
     _check_mode(mode)
-    found = _corrected(rows, feature, spurs, mode == "add_only", Room())
+    found = corrected_columns(rows, feature, spurs, mode == "add_only", Room())
     out = np.zeros_like(rows)
     if found is not None:
         to_rows(found.printed, found.outer, width, out)
