@@ -66,8 +66,9 @@ def find_printed(images, tool, plan, zeros, whole, draw):  # type: ignore[no-unt
     draw    PRINTED gets what F draws along the paths, too
     """
     half_widths, bx, by, by_size, metric, rounds = tool
-    solid, anchor, skeleton, printed, paths = images[0], images[1], images[2], images[3], images[4]
-    scratch = images[5:]
+    solid, anchor, skeleton = images[SOLID], images[ANCHOR], images[SKELETON]
+    printed, paths = images[PRINTED], images[PATHS]
+    scratch = images[PATHS + 1 :]
     anchor_columns(solid, half_widths, bx, by, anchor, scratch[0])
     open_columns(anchor, half_widths, printed, scratch[0])
     if by_size and not whole and not _misses_any(solid, printed):

@@ -17,7 +17,7 @@ from layerfix.layers.columns import fill_columns
 from layerfix.layers.drawing import box_with_reach, draw_paths, missing_places
 from layerfix.layers.metric.levels import PLAN
 from layerfix.layers.metric.rule import zeros_needed
-from layerfix.layers.print_paths import IMAGES_OF_LAYER, TOOL, find_printed
+from layerfix.layers.print_paths import IMAGES_OF_LAYER, PATHS, PRINTED, SOLID, TOOL, find_printed
 from layerfix.mesh.cutter import SNAP_PER_PX, bucket, fill_cut
 from layerfix.mesh.facet_runs import HEIGHTS, POINTS, TRIANGLES
 
@@ -72,7 +72,7 @@ def snap(points, origin, pitch_x, pitch_y, lowest, quantum):  # type: ignore[no-
 @njit(COUNTS(POINTS, TRIANGLES, HEIGHTS, types.int64, types.int64, types.int64, TOOL, PLAN, types.boolean),
       cache=True, nogil=True)  # fmt: skip
 def _count_layers(points, faces, planes, width, height, rule, tool, plan, add_only):  # type: ignore[no-untyped-def]  # numba types it
-    half_widths, bx, by = tool[0], tool[1], tool[2]
+    half_widths, bx, by, _, _, _ = tool
     reach_x, reach_y = half_widths[0] + bx, half_widths.shape[0] - 1 + by
     counts = np.zeros((planes.shape[0], 3), np.int64)
     starts, crossed = bucket(points, faces, planes, 1)
@@ -94,7 +94,7 @@ def _count_layers(points, faces, planes, width, height, rule, tool, plan, add_on
         if zeros.shape[0] < more:
             zeros = np.zeros(more * 5 // 4, np.uint64)
         images = room[:size].reshape(IMAGES_OF_LAYER, words, tall)
-        solid, printed, scratch = images[0], images[3], images[5:]
+        solid, printed, scratch = images[SOLID], images[PRINTED], images[PATHS + 1 :]
         fill_columns(rows, outer, solid)
         find_printed(images, tool, plan, zeros, False, True)
         if small.shape[0] and missing_places(printed, small, outer[0], 64 * outer[2], scratch[1]):

@@ -66,8 +66,8 @@ def _either(a, b, out):  # type: ignore[no-untyped-def]  # numba types it
 @njit(types.int64(PLAN, types.int64, types.int64), cache=True, nogil=True)
 def zeros_needed(plan, words, height):  # type: ignore[no-untyped-def]  # numba types it
     """How many words the images of a strip take, in a layer of so many columns and rows."""
-    halo, strip = (plan[11] + 63) // 64, plan[12]
-    return (plan[0].shape[0] + 4) * min(strip + 2 * halo + 2, words) * height
+    levels, _, _, _, _, _, _, _, _, _, _, margin, strip, _ = plan
+    return (levels.shape[0] + 4) * min(strip + 2 * ((margin + 63) // 64) + 2, words) * height
 
 
 @njit(types.void(WORK, WORK, PLAN, ZEROS, WORK, WORK), cache=True, nogil=True)
@@ -77,8 +77,7 @@ def significant_pixels(solid, anchor, plan, zeros, spare, out):  # type: ignore[
     What is significant depends on pixels nearer than `Plan.margin_px`. The images of a strip stay in the processor's
     cache; those of a whole 12K layer took 60 MB.
     """
-    levels, half_widths, starts, schedule, elements = plan[0], plan[1], plan[2], plan[3], plan[4]
-    margin, strip, square = plan[11], plan[12], plan[13]
+    levels, half_widths, starts, schedule, elements, _, _, _, _, _, _, margin, strip, square = plan
     words, height = solid.shape
     halo, count = (margin + 63) // 64, levels.shape[0]
     for w in (0, words - 1):
@@ -120,4 +119,5 @@ def thin_metric(columns, solid, anchor, scratch, plan, zeros):  # type: ignore[n
     tips(columns, marked, anchor, fixed)
     thin_protected(columns, fixed, kept, False, spare)
     depths = solid.reshape(1, solid.shape[0], solid.shape[1])
-    retreat(columns, anchor, marked, depths, 1, plan[5], plan[6], plan[7], plan[10], plan[8], plan[9])
+    _, _, _, _, _, offsets, lengths, outside, scale, pixel, radius, _, _, _ = plan
+    retreat(columns, anchor, marked, depths, 1, offsets, lengths, outside, radius, scale, pixel)
