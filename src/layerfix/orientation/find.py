@@ -138,6 +138,7 @@ def find(
         interrupted, pose = False, AS_GIVEN
         try:
             pose = _by_method(search, options)
+            _count_listed(search)
             if options.front is not None:
                 _widen_front(search, chosen_aims(search.aims, options.front))
         except KeyboardInterrupt:
@@ -156,6 +157,13 @@ def _by_method(search: Search, options: Options) -> Pose:
     if options.method == "direct":
         return direct(search, options.evaluations or EVALUATIONS)
     return race(search, QUICK if options.method == "quick" else RACE)
+
+
+def _count_listed(search: Search) -> None:
+    """The best distinct directions in full, of those that were looked at closely."""
+    search.begin("the ten best in full")
+    best = search.close()
+    search.counts([best[k] for k in distinct([one.direction for one in best], APART)[:LISTED]])
 
 
 def _widen_front(search: Search, names: Sequence[str]) -> None:
@@ -214,7 +222,7 @@ def _outcome(search: Search, options: Options, pose: Pose, interrupted: bool) ->
 def _candidate(search: Search, pose: Pose) -> Candidate:
     assert search.aims is not None
     alike = (p for p in search.seen if (p.theta1, p.theta2) == (pose.theta1, pose.theta2))
-    turned = [search.seen[p] for p in alike if search.seen[p].whole]
+    turned = [search.seen[p].estimate() for p in alike if search.seen[p].close]
     mean_px = sum(c.added + c.removed for c in turned) / len(turned) if len(turned) > 1 else None
     return candidate_of(search.aims, search.objective, pose, search.seen[pose], mean_px)
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 CHUNK_PX = 1 << 26  # of layers, between two looks at whether to stop: half a second or less
 CHUNK_LAYERS = 4, 128  # at least and at most
 FULL = 1 << 40  # more layers than any part has
+CLOSE = 512  # evenly spread layers
 
 
 class Counts(NamedTuple):
@@ -61,6 +62,11 @@ class Counts(NamedTuple):
     def whole(self) -> bool:
         """Whether all layers were seen."""
         return self.seen == self.layers
+
+    @property
+    def close(self) -> bool:
+        """Whether all layers were seen, or CLOSE."""
+        return self.whole or self.seen >= CLOSE
 
     def estimate(self) -> Counts:
         """Scaled up to all layers: what is seen in evenly spread layers goes for those between."""

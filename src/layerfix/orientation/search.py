@@ -153,5 +153,12 @@ class Search:
 
     def whole(self) -> list[Pose]:
         """Poses that were counted in full, and fit, best first."""
-        found = [p for p in self.order if self.seen[p].whole and self.seen[p].layers and self.fits(p)]
+        return self._ranked(lambda counts: counts.whole)
+
+    def close(self) -> list[Pose]:
+        """Poses that were counted closely, and fit, best first."""
+        return self._ranked(lambda counts: counts.close)
+
+    def _ranked(self, enough: Callable[[Counts], bool]) -> list[Pose]:
+        found = [p for p in self.order if self.seen[p].layers and enough(self.seen[p]) and self.fits(p)]
         return sorted(found, key=lambda pose: (self.value(pose), pose != AS_GIVEN))
