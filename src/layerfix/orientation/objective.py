@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 CHUNK_PX = 1 << 26  # of layers, between two looks at whether to stop: half a second or less
 CHUNK_LAYERS = 4, 128  # at least and at most
 FULL = 1 << 40  # more layers than any part has
-CLOSE = 512  # evenly spread layers
+CLOSE = 512  # evenly spread layers: C of six parts with more came out 0.05 to 1.1 % off (rms)
 
 
 class Counts(NamedTuple):

@@ -1,8 +1,9 @@
 """The default method: many directions looked at a little, the better ones closely, the best in full.
 
 Layers are left out, never pixels: on every second or fourth pixel the best direction of four parts came out up to 9 %
-too bad, for the raster then changes what is too thin. Directions that the part's shape suggests are looked at closely
-(all layers, or CLOSE of more) from the start; from the best a compass walks on to the bottom of their valleys.
+too bad, for the raster then changes what is too thin. Even directions, and those that the part's shape suggests, are
+looked at; the better ones closely, in all layers or CLOSE of more; from the best a compass walks on to the bottom of
+their valleys.
 
 How the part lies on the plate (ψ) moves C by up to half, mostly by luck with the pixels. So directions are compared
 by the mean over a few angles. For those within TIE of the best mean, which count as equal, the best angle is looked
@@ -43,6 +44,7 @@ TIE = 0.02  # of the best mean: differences below are the raster's
 class Plan:
     """How many directions are looked at, and how closely (docs/orient.md has the measurements).
 
+    given       faces and axes that are looked at closely, of some twenty
     directions  of the half-sphere, looked at on `layers` layers
     rungs       (share of the directions kept, times as many layers) each
     finished    how many of them are looked at closely
@@ -51,6 +53,7 @@ class Plan:
     swept       for how many of those that tie the best in-plane angle is looked for, among `sweep` angles
     """
 
+    given: int = 8
     directions: int = 1000
     layers: int = 16
     rungs: tuple[tuple[float, int], ...] = ((0.5, 2), (0.25, 4), (0.08, 8))
@@ -84,7 +87,8 @@ def race(search: Search, plan: Plan) -> Pose:
     given = [AS_GIVEN, *(pose_of(d) for d in structured(search.objective.mesh))]
     given = [given[k] for k in distinct([pose.direction for pose in given], math.radians(0.1))]
     poses = _fitting(search, given)
-    search.counts(poses, CLOSE)
+    values = search.values(poses, GLANCE)
+    search.counts([poses[k] for k in np.argsort(values, kind="stable")[: plan.given]], CLOSE)
     _settle(search)
     _screen(search, plan)
     _settle(search)
@@ -112,9 +116,8 @@ def _settle(search: Search) -> None:
 def _screen(search: Search, plan: Plan) -> None:
     """Look at even directions on ever more layers, ever fewer of them."""
     poses = _fitting(search, [pose_of(d) for d in fibonacci(plan.directions)])
-    layers = plan.layers
     search.begin("screening")
-    values = search.values(poses, layers)
+    values = search.values(poses, plan.layers)
     for share, times in plan.rungs:
         keep = max(math.ceil(share * plan.directions), plan.finished)
         poses = [poses[k] for k in np.argsort(values, kind="stable")[:keep]]
