@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 import shapely
@@ -21,15 +22,16 @@ from layerfix.fdm.fields import (
     NO_LEVEL,
     bits_above,
     bits_higher,
-    copy_outside,
     field_within,
     half_spacings,
     paint_balls,
     pixels_of,
+    smoothed,
     take_off,
 )
 from layerfix.fdm.infill import join_lines, rectilinear, scan
 from layerfix.fdm.level_sets import level_loops
+from layerfix.fdm.rings import SMOOTH_PX, WEIGHTS
 from tests.pictures_as_text import images
 
 seeds = st.integers(0, 2**32 - 1)
@@ -101,14 +103,18 @@ def test_take_off(seed, height, width):
     assert np.array_equal(remaining, expected)
 
 
-@given(seeds, heights, widths)
-def test_copy_outside(seed, height, width):
-    """One field but for some pixels of another."""
-    field, target = field_of(seed, height, width), field_of(seed + 1, height, width)
-    where = mask_of(seed, height, width)
-    expected = np.where(where, target, field)
-    copy_outside(field, pack(where), target)
-    assert np.array_equal(target, expected)
+@given(seeds, heights, st.floats(0, 1))
+def test_smoothed(seed, height, reach):
+    """OpenCV's blur on some pixels near a level, the field itself elsewhere: where it is not near in 64 beside it."""
+    field, level = field_of(seed, height, 256), field_of(seed + 1, height, 256)
+    where = mask_of(seed, height, 256)
+    where[:, :64] = where[:, 192:] = False
+    found = smoothed(field, level, pack(where), WEIGHTS, np.float32(reach))
+    blurred = cv2.GaussianBlur(field, (0, 0), SMOOTH_PX, borderType=cv2.BORDER_REPLICATE)
+    near = abs(field - level) < np.float32(reach)
+    word = np.repeat(near.reshape(height, 4, 64).any(axis=2), 64, axis=1)
+    assert np.allclose(found, np.where(where & word, blurred, field), atol=1e-6)
+    assert np.array_equal(found[~(where & word)], field[~(where & word)])
 
 
 @given(seeds, heights, widths, st.floats(-0.5, 0.5))

@@ -129,9 +129,12 @@ def best_direction(region, held, step, reach):  # type: ignore[no-untyped-def]  
         if total:
             score[k], span[k] = (both + 0.3 * one) / total, long
             found[k, 0], found[k, 1], found[k, 2] = both / total, longest_both, longest_one
+    highest = 0.0  # (score.max() would load scipy.linalg, by way of numba: 0.3 s)
+    for k in range(DIRECTIONS):
+        highest = max(highest, score[k])
     chosen = -1
     for k in range(DIRECTIONS):
-        if span[k] and score[k] >= score.max() - HELD and (chosen < 0 or span[k] < span[chosen]):
+        if span[k] and score[k] >= highest - HELD and (chosen < 0 or span[k] < span[chosen]):
             chosen = k
     if chosen < 0:
         return 0.0, 0.0, 0.0, 0.0
@@ -139,7 +142,7 @@ def best_direction(region, held, step, reach):  # type: ignore[no-untyped-def]  
     for side in range(2):
         for k in range(1, DIRECTIONS // 4):
             other = (chosen + (k if side else -k)) % DIRECTIONS
-            if not span[other] or score[other] < score.max() - HELD or span[other] > ALIKE * span[chosen]:
+            if not span[other] or score[other] < highest - HELD or span[other] > ALIKE * span[chosen]:
                 break
             run[side] = k
     angle = (chosen + (run[1] - run[0]) / 2) % DIRECTIONS * math.pi / DIRECTIONS

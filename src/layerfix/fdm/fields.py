@@ -131,18 +131,50 @@ def take_off(remaining, half, keep):  # type: ignore[no-untyped-def]  # numba ty
                         line[x] -= 2 * less[x]
 
 
-@njit(types.void(FIELD, ROWS, MUTABLE_FIELD), cache=True, nogil=True)
-def copy_outside(field, where, target):  # type: ignore[no-untyped-def]  # numba types it
-    """target = field but for the pixels of `where` (packed)."""
-    for y in range(field.shape[0]):
+@njit(
+    MUTABLE_FIELD(FIELD, FIELD, ROWS, VALUES, types.float32), cache=True, nogil=True, fastmath={"reassoc", "contract"}
+)
+def smoothed(field, level, where, weights, reach):  # type: ignore[no-untyped-def]  # numba types it
+    """The field, blurred in the pixels of `where` (packed) that lie within `reach` of the level: elsewhere blurring
+    cannot tell on which side of it they are.
+
+    weights: (n,) of the pixel itself and those ever farther away, along both axes; n ≤ 64. The border words of
+    `where` are empty
+    """
+    out, height, taps = np.empty_like(field), field.shape[0], weights.shape[0]
+    strip = np.empty(62 + 2 * taps, np.float32)
+    for y in range(height):
         for w in range(where.shape[1]):
-            word, line, new = where[y, w], field[y, 64 * w : 64 * w + 64], target[y, 64 * w : 64 * w + 64]
+            word, line, new = where[y, w], field[y, 64 * w : 64 * w + 64], out[y, 64 * w : 64 * w + 64]
+            new[:] = line
             if word == U0:
-                new[:] = line
-            elif word != ~U0:
+                continue
+            limit, near = level[y, 64 * w : 64 * w + 64], 0
+            for x in range(64):
+                near += np.abs(line[x] - limit[x]) < reach
+            if near == 0:
+                continue
+            first, stop = 64 * w + 1 - taps, 64 * w + 63 + taps
+            here = field[y, first:stop]
+            for x in range(strip.shape[0]):
+                strip[x] = weights[0] * here[x]
+            for k in range(1, taps):
+                above, under, weight = (
+                    field[max(y - k, 0), first:stop],
+                    field[min(y + k, height - 1), first:stop],
+                    weights[k],
+                )
+                for x in range(strip.shape[0]):
+                    strip[x] += weight * (above[x] + under[x])
+            for x in range(64):
+                if (word >> np.uint64(x)) & U1:
+                    new[x] = weights[0] * strip[x + taps - 1]
+            for k in range(1, taps):
+                left, right, weight = strip[taps - 1 - k :], strip[taps - 1 + k :], weights[k]
                 for x in range(64):
-                    if not (word >> np.uint64(x)) & U1:
-                        new[x] = line[x]
+                    if (word >> np.uint64(x)) & U1:
+                        new[x] += weight * (left[x] + right[x])
+    return out
 
 
 @njit(MUTABLE_FIELD(FIELD, ROWS, types.float32), cache=True, nogil=True)

@@ -14,12 +14,12 @@ from layerfix.fdm.fields import (
     bits_above,
     bits_higher,
     bits_unexplained,
-    copy_outside,
     half_spacings,
     middles,
     paint_balls,
     paint_ends,
     pixels_of,
+    smoothed,
 )
 from layerfix.fdm.level_sets import level_loops
 from layerfix.fdm.single_beads import bead_lines
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 # Loops follow the blurred distance: by itself it ripples by 0.3 px along stairs of pixels. Where it is thin blurring
 # would move them.
 SMOOTH_PX = 1.5
+WEIGHTS = np.exp(-0.5 * (np.arange(round(4 * SMOOTH_PX) + 1) / SMOOTH_PX) ** 2).astype(np.float32)
+WEIGHTS /= 2 * WEIGHTS.sum() - WEIGHTS[0]
 SPOT = 25.0  # thick parts of fewer square spacings than this get no infill
 # Square spacings inside a loop that is no loop where single beads come together: in walls, and in what they leave.
 KNOT, SMALL_KNOT = 2.0, 1.0
@@ -83,8 +85,6 @@ class Ring:
 def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, loops: bool, feature: bool) -> Ring:
     """One round (see the module); `half` is written. loops: False leaves thick parts to infill; feature: nothing is
     too thin to lay."""
-    import cv2
-
     usual = np.float32(beads.usual / 2) if loops else NO_LEVEL
     region = bits_above(remaining, np.float32(0))
     if not region.any():
@@ -107,8 +107,9 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
         local[pixels_of(spots)] = beads.thick
     paint_ends(local, skeleton, rows, columns, thickness, radius_px)
     half_spacings(half, local, thick, np.float32(beads.one), np.float32(2 * beads.widest), usual)
-    smooth = np.asarray(cv2.GaussianBlur(remaining, (0, 0), SMOOTH_PX), np.float32)
-    copy_outside(remaining, thick, smooth)
+    # Without loops no level lies where it is thick.
+    reach_mm = np.float32(2 * len(WEIGHTS) * pixel_mm)
+    smooth = smoothed(remaining, half, thick, WEIGHTS, reach_mm) if loops else remaining
     inside = bits_higher(smooth, half)
     chosen = thickness < beads.one
     if chosen.any():

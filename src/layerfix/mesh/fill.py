@@ -45,6 +45,19 @@ def below(values, bound):  # type: ignore[no-untyped-def]  # numba types it
 
 
 @njit
+def not_above(values, bound):  # type: ignore[no-untyped-def]  # numba types it
+    """How many of the sorted values are at most the bound."""
+    first, stop = 0, values.shape[0]
+    while first < stop:
+        middle = (first + stop) // 2
+        if values[middle] <= bound:
+            first = middle + 1
+        else:
+            stop = middle
+    return first
+
+
+@njit
 def sort(values):  # type: ignore[no-untyped-def]  # numba types it
     """Shell sort. Most rows have few crossings, nearly in order: for them it is one insertion pass."""
     n = values.shape[0]

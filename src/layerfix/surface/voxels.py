@@ -15,6 +15,7 @@ from numba import types
 
 from layerfix.errors import InputError
 from layerfix.kernels import njit
+from layerfix.mesh.fill import below, not_above
 from layerfix.mesh.triangles import Mesh
 from layerfix.surface.cubes import EDGES, march
 
@@ -193,9 +194,9 @@ def _met(corners, along, us, vs, keys, places):  # type: ignore[no-untyped-def] 
         area = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
         if area == 0.0:
             continue
-        j = np.searchsorted(us, min(a[1], b[1], c[1]))
+        j = below(us, min(a[1], b[1], c[1]))
         last_u, first_v, last_v = max(a[1], b[1], c[1]), min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
-        first_k = np.searchsorted(vs, first_v)
+        first_k = below(vs, first_v)
         while j < us.shape[0] and us[j] <= last_u:
             k = first_k
             while k < vs.shape[0] and vs[k] <= last_v:
@@ -203,7 +204,7 @@ def _met(corners, along, us, vs, keys, places):  # type: ignore[no-untyped-def] 
                 q = ((b[1] - a[1]) * (vs[k] - a[2]) - (b[2] - a[2]) * (us[j] - a[1])) / area
                 if p >= -1e-9 and q >= -1e-9 and p + q <= 1 + 1e-9:
                     place = a[0] + p * (b[0] - a[0]) + q * (c[0] - a[0])
-                    i = np.searchsorted(along, place, side="right") - 1
+                    i = not_above(along, place) - 1
                     if 0 <= i < along.shape[0] - 1:
                         if n < keys.shape[0]:
                             keys[n] = (i * us.shape[0] + j) * vs.shape[0] + k
