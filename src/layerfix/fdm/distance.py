@@ -53,7 +53,8 @@ def edge_distance(rows, reach_px, pixel_mm, inset_mm):  # type: ignore[no-untype
     height, words = rows.shape
     width, reach = 64 * words, int(reach_px)
     squares = np.full(width + 2 * reach, FAR, np.float32)  # of one row, with room on both sides
-    least = np.empty(64, np.float32)
+    least, lowest = np.empty(64, np.float32), np.empty(words, np.float32)
+    beside, deep = (reach + 63) // 64, np.float32(reach) * np.float32(reach)
     for y in range(height):
         line = away[y]
         solid = U0
@@ -62,13 +63,24 @@ def edge_distance(rows, reach_px, pixel_mm, inset_mm):  # type: ignore[no-untype
         if solid == U0:
             line[:] = -np.float32(0.5) * pixel_mm - inset_mm
             continue
-        for x in range(width):
-            squares[reach + x] = line[x] * line[x]
+        for w in range(words):
+            part, low = line[64 * w : 64 * w + 64], FAR
+            squared = squares[reach + 64 * w : reach + 64 * w + 64]
+            for x in range(64):
+                squared[x] = part[x] * part[x]
+                low = min(low, squared[x])
+            lowest[w] = low
         for w in range(words):
             part = line[64 * w : 64 * w + 64]
             word = rows[y, w]
             if word == U0:
                 part[:] = -np.float32(0.5) * pixel_mm - inset_mm
+                continue
+            low = FAR
+            for k in range(max(w - beside, 0), min(w + beside + 1, words)):
+                low = min(low, lowest[k])
+            if low >= deep:
+                part[:] = (np.float32(reach) - np.float32(0.5)) * pixel_mm - inset_mm
                 continue
             begin = reach + 64 * w
             farthest = np.float32(0)

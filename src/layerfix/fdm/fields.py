@@ -132,7 +132,10 @@ def take_off(remaining, half, keep):  # type: ignore[no-untyped-def]  # numba ty
 
 
 @njit(
-    MUTABLE_FIELD(FIELD, FIELD, ROWS, VALUES, types.float32), cache=True, nogil=True, fastmath={"reassoc", "contract"}
+    MUTABLE_FIELD(FIELD, FIELD, ROWS, VALUES, types.float32),
+    cache=True,
+    nogil=True,
+    fastmath={"nnan", "nsz", "reassoc", "contract"},
 )
 def smoothed(field, level, where, weights, reach):  # type: ignore[no-untyped-def]  # numba types it
     """The field, blurred in the pixels of `where` (packed) that lie within `reach` of the level: elsewhere blurring
@@ -141,18 +144,18 @@ def smoothed(field, level, where, weights, reach):  # type: ignore[no-untyped-de
     weights: (n,) of the pixel itself and those ever farther away, along both axes; n ≤ 64. The border words of
     `where` are empty
     """
-    out, height, taps = np.empty_like(field), field.shape[0], weights.shape[0]
-    strip = np.empty(62 + 2 * taps, np.float32)
+    out, height, taps = field.copy(), field.shape[0], weights.shape[0]
+    strip, blurred = np.empty(62 + 2 * taps, np.float32), np.empty(64, np.float32)
     for y in range(height):
         for w in range(where.shape[1]):
-            word, line, new = where[y, w], field[y, 64 * w : 64 * w + 64], out[y, 64 * w : 64 * w + 64]
-            new[:] = line
+            word = where[y, w]
             if word == U0:
                 continue
-            limit, near = level[y, 64 * w : 64 * w + 64], 0
+            line, limit = field[y, 64 * w : 64 * w + 64], level[y, 64 * w : 64 * w + 64]
+            new, nearest = out[y, 64 * w : 64 * w + 64], reach
             for x in range(64):
-                near += np.abs(line[x] - limit[x]) < reach
-            if near == 0:
+                nearest = min(nearest, abs(line[x] - limit[x]))
+            if nearest >= reach:
                 continue
             first, stop = 64 * w + 1 - taps, 64 * w + 63 + taps
             here = field[y, first:stop]
@@ -166,14 +169,16 @@ def smoothed(field, level, where, weights, reach):  # type: ignore[no-untyped-de
                 )
                 for x in range(strip.shape[0]):
                     strip[x] += weight * (above[x] + under[x])
+            middle = strip[taps - 1 : taps + 63]
             for x in range(64):
-                if (word >> np.uint64(x)) & U1:
-                    new[x] = weights[0] * strip[x + taps - 1]
+                blurred[x] = weights[0] * middle[x]
             for k in range(1, taps):
-                left, right, weight = strip[taps - 1 - k :], strip[taps - 1 + k :], weights[k]
+                left, right = strip[taps - 1 - k : taps + 63 - k], strip[taps - 1 + k : taps + 63 + k]
+                weight = weights[k]
                 for x in range(64):
-                    if (word >> np.uint64(x)) & U1:
-                        new[x] += weight * (left[x] + right[x])
+                    blurred[x] += weight * (left[x] + right[x])
+            for x in range(64):
+                new[x] = blurred[x] if (word >> np.uint64(x)) & U1 else line[x]
     return out
 
 

@@ -108,7 +108,7 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     paint_ends(local, skeleton, rows, columns, thickness, radius_px)
     half_spacings(half, local, thick, np.float32(beads.one), np.float32(2 * beads.widest), usual)
     # Without loops no level lies where it is thick.
-    reach_mm = np.float32(2 * len(WEIGHTS) * pixel_mm)
+    reach_mm = np.float32(len(WEIGHTS) * pixel_mm)
     smooth = smoothed(remaining, half, thick, WEIGHTS, reach_mm) if loops else remaining
     inside = bits_higher(smooth, half)
     chosen = thickness < beads.one
