@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image as Picture
 from scipy import ndimage
 
+import layerfix as lf
 from layerfix.bits import pack, unpack
 from layerfix.layers.correction import correct_image
 from layerfix.layers.grey_image import GreyImage
@@ -263,3 +267,17 @@ def test_the_coverage_of_a_disc_between_pixels(offset):
         (y * share).sum() / share.sum() - share.shape[0] // 2,
     )
     assert middle == pytest.approx(offset, abs=1e-3)
+
+
+def test_what_is_kept_of_a_layer_with_greys_is_small(tmp_path):
+    """A run keeps something of every layer until its end: no image, or a large job of greys takes gigabytes."""
+    image = np.zeros((400, 400), np.uint8)
+    image[100:300, 100:300], image[50:350, 200], image[99, 100:300] = 255, 255, 90
+    folder = tmp_path / "greys"
+    folder.mkdir()
+    Picture.fromarray(image).save(folder / "0.png")
+    fixed = lf.correct(lf.read(folder, pixel_mm=0.05, layer_mm=0.05), min_feature_mm=0.4)
+    layer = fixed[0]
+    assert layer.change is not None
+    assert layer.change.paths is not None, "where F was drawn is known while greys are written"
+    assert len(pickle.dumps(layer.without_pixels())) < 4000

@@ -119,7 +119,8 @@ class Layer:
 
     def without_pixels(self) -> Layer:
         """What is known of the layer, to be kept for every layer of a stack."""
-        return replace(self, rows=self.rows[:0].copy(), source=None, small=None, specks=None)
+        change = self.change if self.change is None else replace(self.change, paths=None)
+        return replace(self, rows=self.rows[:0].copy(), source=None, small=None, specks=None, change=change)
 
     def at(self, z_mm: tuple[float, float]) -> Layer:
         """The same layer at another height."""

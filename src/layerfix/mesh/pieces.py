@@ -26,9 +26,7 @@ NONE = -1
 @njit
 def _slot(x, y, mask):  # type: ignore[no-untyped-def]  # numba types it
     """Where a point is looked for first in a table of mask + 1 places. Points of neighbouring segments are equal."""
-    value = np.int64(round(x * 1048576.0)) * np.int64(0x2545F491) ^ np.int64(round(y * 1048576.0)) * np.int64(
-        0x5851F42D
-    )
+    value = np.int64(x * 1048576.0) * np.int64(0x2545F491) ^ np.int64(y * 1048576.0) * np.int64(0x5851F42D)
     value ^= value >> np.int64(23)
     value *= np.int64(0x2127599B)
     value ^= value >> np.int64(19)

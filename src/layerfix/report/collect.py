@@ -224,8 +224,7 @@ def _look_at(before: LayerStack, after: LayerStack, progress: Progress) -> _Seen
             seen.topology.append(
                 tuple(changes_of_rows(was.rows, now.rows, before.pixel_mm, before.origin_mm, was.z_mm))
             )
-        bare = now.without_pixels()
-        seen.bare.append(bare if bare.change is None else _without_paths(bare))
+        seen.bare.append(now.without_pixels())
         if k % every == 0:
             seen.shown.append(k)
             rows: tuple[Rows | None, ...] = (was.rows, added | removed, paths, added, removed)
@@ -238,13 +237,6 @@ def _look_at(before: LayerStack, after: LayerStack, progress: Progress) -> _Seen
                 kept = sum(len(one) for spans in seen.lists() for one in spans)
         progress(k + 1, len(before))
     return seen
-
-
-def _without_paths(layer: Layer) -> Layer:
-    from dataclasses import replace
-
-    assert layer.change is not None
-    return replace(layer, change=replace(layer.change, paths=None))
 
 
 def _pairs(before: LayerStack, after: LayerStack) -> Iterator[tuple[Layer, Layer]]:
