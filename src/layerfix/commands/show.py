@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from layerfix.commands.fix import as_asked, opened, usual_mode
 from layerfix.draw.sheet import MOST_THUMBS, Pair, contact_sheet, four_panels
@@ -27,6 +27,22 @@ class Shown:
     layers: tuple[int, ...]
     of: int
     changed: int | None
+
+
+@dataclass(frozen=True)
+class _Pairs(Sequence[Pair]):
+    """Layers before and after, made when they are asked for."""
+
+    before: LayerStack
+    after: LayerStack
+    numbers: Sequence[int]
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __getitem__(self, index: Any) -> Any:
+        k = self.numbers[index]
+        return Pair(k, self.before[k], self.after[k])
 
 
 def show(
@@ -51,17 +67,16 @@ def show(
     mode = options.correction.mode or usual_mode(options.printer, stack)
     fixed = telling_paths(as_asked(stack, placed, mode, options))
     if index is not None:
-        pairs, changed = [Pair(index, stack[index], fixed[index])], None
-        picture = four_panels(pairs[0], stack.pixel_mm)
+        chosen, changed = [index], None
+        picture = four_panels(Pair(index, stack[index], fixed[index]), stack.pixel_mm)
     else:
         chosen, changed = _most_changed(fixed, progress)
         if not chosen:
             raise InputError(f"{source}: correction changes none of its {len(stack)} layers; give --layer")
-        pairs = [Pair(k, stack[k], fixed[k]) for k in chosen]
-        picture = contact_sheet(pairs, stack.pixel_mm)
+        picture = contact_sheet(_Pairs(stack, fixed, chosen), stack.pixel_mm)
     with whole_file(target, force=options.run.force) as file:
         picture.save(file, "PNG")
-    return Shown(str(source), str(target), tuple(pair.number for pair in pairs), len(stack), changed)
+    return Shown(str(source), str(target), tuple(chosen), len(stack), changed)
 
 
 def _most_changed(fixed: LayerStack, progress: Callable[[int, int], None]) -> tuple[list[int], int]:

@@ -16,7 +16,7 @@ from layerfix.units import format_mm
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
 
-    from layerfix.bits import Image
+    from layerfix.bits import Image, Rows
     from layerfix.stack import Layer
 
 PANEL_PX, THUMB_PX, GAP_PX, CAPTION_PX = 760, 300, 24, 40
@@ -36,7 +36,7 @@ def four_panels(pair: Pair, pixel_mm: tuple[float, float]) -> Picture:
     """Before, after, difference and skeleton (where F was drawn), at one scale, with a bar of a round length."""
     from PIL import Image, ImageDraw
 
-    was, now, paths = _cropped([pair])[0]
+    was, now, paths = _cropped(pair, _box([pair]))
     before, after = painted(was, was), painted(now, now)
     difference = painted(was, now)
     skeleton = painted(was, was)
@@ -65,20 +65,23 @@ def four_panels(pair: Pair, pixel_mm: tuple[float, float]) -> Picture:
 def contact_sheet(pairs: Sequence[Pair], pixel_mm: tuple[float, float]) -> Picture:
     """The difference of many layers, small, all at one scale and crop, from the bottom up, row by row.
 
+    Pairs are asked for twice, one after the other, and not kept: 24 layers of 12K would be gigabytes.
     Raises InputError if there are none.
     """
     from PIL import Image, ImageDraw
 
-    if not pairs:
+    if not len(pairs):
         raise InputError("no layers to show")
-    panels = _cropped(pairs)
-    size, _ = _size(panels[0][0].shape, pixel_mm, THUMB_PX)
+    box = _box(pairs)
+    y0, y1, x0, x1 = box
+    size, _ = _size((y1 - y0, x1 - x0), pixel_mm, THUMB_PX)
     columns = min(len(pairs), max(1, math.isqrt(len(pairs) * 2)))
     rows = math.ceil(len(pairs) / columns)
     step = max(size[0], 150) + GAP_PX, size[1] + CAPTION_PX + GAP_PX
     sheet = Image.new("RGB", (columns * step[0] + GAP_PX, rows * step[1] + GAP_PX), WHITE)
     pen = ImageDraw.Draw(sheet)
-    for k, (pair, (was, now, _)) in enumerate(zip(pairs, panels, strict=True)):
+    for k, pair in enumerate(pairs):
+        was, now, _ = _cropped(pair, box)
         x, y = GAP_PX + (k % columns) * step[0], GAP_PX + (k // columns) * step[1]
         pen.text((x, y), f"layer {pair.number}, z {pair.after.z_mm[0]:.2f}", fill=INK, font_size=18)
         sheet.paste(scaled(painted(was, now), size), (x, y + 28))
@@ -86,23 +89,36 @@ def contact_sheet(pairs: Sequence[Pair], pixel_mm: tuple[float, float]) -> Pictu
     return sheet
 
 
-def _cropped(pairs: Sequence[Pair]) -> list[tuple[Image, Image, Image]]:
-    """(before, after, paths) of each, cut to the box around all of them with a little air."""
-    found = []
+def _box(pairs: Sequence[Pair]) -> tuple[int, int, int, int]:
+    """(first row, past the last, first column, past the last) around what is solid in any, with a little air."""
+    solid: Rows | None = None
+    width, height = pairs[0].after.width, pairs[0].after.height
     for _, before, after in pairs:
         if (before.width, before.height) != (after.width, after.height):
             raise InputError(f"layers of {before.width} × {before.height} and {after.width} × {after.height} px")
-        paths = after.change.paths if after.change is not None else None
-        drawn = np.zeros((after.height, after.width), np.bool_) if paths is None else unpack(paths, after.width)
-        found.append((before.image(), after.image(), drawn))
-    across = np.any([(was | now).any(axis=0) for was, now, _ in found], axis=0)
-    down = np.any([(was | now).any(axis=1) for was, now, _ in found], axis=0)
-    if not across.any():
-        return found
-    (x0, x1), (y0, y1) = (np.flatnonzero(line)[[0, -1]].tolist() for line in (across, down))
+        if solid is None:
+            solid = before.rows | after.rows
+        else:
+            solid |= before.rows
+            solid |= after.rows
+    assert solid is not None
+    down = np.flatnonzero(solid.any(axis=1))
+    if not len(down):
+        return 0, height, 0, width
+    across = np.flatnonzero(unpack(np.bitwise_or.reduce(solid, axis=0)[None], width)[0])
+    (y0, y1), (x0, x1) = down[[0, -1]].tolist(), across[[0, -1]].tolist()
     air = 2 + max(x1 - x0, y1 - y0) // 50
-    box = np.s_[max(y0 - air, 0) : y1 + air + 1, max(x0 - air, 0) : x1 + air + 1]
-    return [(was[box], now[box], drawn[box]) for was, now, drawn in found]
+    return max(y0 - air, 0), min(y1 + air + 1, height), max(x0 - air, 0), min(x1 + air + 1, width)
+
+
+def _cropped(pair: Pair, box: tuple[int, int, int, int]) -> tuple[Image, Image, Image]:
+    """(before, after, paths) in that box."""
+    y0, y1, x0, x1 = box
+    _, before, after = pair
+    change = after.change
+    paths = change.paths if change is not None else None
+    was, now = (unpack(layer.rows[y0:y1], layer.width)[:, x0:x1] for layer in (before, after))
+    return was, now, np.zeros_like(was) if paths is None else unpack(paths[y0:y1], after.width)[:, x0:x1]
 
 
 def _size(shape: tuple[int, ...], pixel_mm: tuple[float, float], most_px: int) -> tuple[tuple[int, int], float]:
