@@ -88,10 +88,18 @@ def make_job(layers: int, target: Path) -> None:
             job.writestr(f"dragons{index:05}.png", data)
 
 
+def make_greys(layers: int, target: Path) -> None:
+    """The same layers as a zip of PNG with greys along all edges."""
+    printer = lf.load_printer(PRINTER)
+    mesh = plate_of_dragons(layers * 0.05)
+    lf.write(target, lf.slice_mesh(mesh, pixel_mm=printer.pixel_mm, layer_mm=0.05, frame_px=printer.pixels,
+                                   antialias=True), bits=8)  # fmt: skip
+
+
 def fix_job(source: Path, target: Path) -> None:
     """Correct a job; print layers, seconds and peak memory as JSON."""
     started = time.perf_counter()
-    stack = lf.read(source, pixel_mm=(0.019, 0.024))
+    stack = lf.read(source, pixel_mm=(0.019, 0.024), layer_mm=0.05 if source.suffix == ".zip" else None)
     lf.write(target, lf.correct(stack, min_feature_mm=0.15, mode="add_only"))
     seconds = time.perf_counter() - started
     print(json.dumps({"layers": len(stack), "seconds": seconds, "peak_gb": peak_gb()}))
@@ -108,12 +116,18 @@ def run() -> None:
     print("\nRun-length codes on the same layer, one thread.\n")
     table(("code", "Mpx/s read", "Mpx/s written", "kB"), run_rows(layer))
     rows = []
-    for layers in (100, 300):
+    for layers, make, suffix in ((100, make_job, "sl1"), (300, make_job, "sl1"), (300, make_greys, "zip")):
         with tempfile.TemporaryDirectory() as folder:
-            make_job(layers, Path(folder, "job.sl1"))
-            command = [sys.executable, "-m", "tests.benchmarks.codecs", f"{folder}/job.sl1", f"{folder}/fixed.sl1"]
+            make(layers, Path(folder, f"job.{suffix}"))
+            command = [
+                sys.executable,
+                "-m",
+                "tests.benchmarks.codecs",
+                *(f"{folder}/{name}.{suffix}" for name in ("job", "fixed")),
+            ]
             done = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-        rows.append([f"{done['layers']} layers", done["seconds"], done["layers"] / done["seconds"], done["peak_gb"]])
+        name = f"{done['layers']} layers{', greys' if make is make_greys else ''}"
+        rows.append([name, done["seconds"], done["layers"] / done["seconds"], done["peak_gb"]])
     print("\nA job like SL1 with such layers, read, corrected (add_only, 0.15 mm) and written, all cores.\n")
     table(("job", "seconds", "layers/s", "peak GB"), rows)
 
