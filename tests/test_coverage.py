@@ -11,7 +11,8 @@ from PIL import Image
 
 from layerfix import correct, load_printer, read, slice_mesh, write
 from layerfix.errors import InputError
-from layerfix.mesh.coverage import coverage
+from layerfix.layers.grey_image import GreyImage
+from layerfix.mesh.coverage import coverage, coverage_in_words
 from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE
 from tests.making import box, cylinder, joined, run_layerfix, save_stl, turned
 from tests.test_new_jobs import OWN
@@ -52,6 +53,24 @@ def test_as_shapely_cuts_them(seed):
     for rule in (NONZERO, EVEN_ODD, POSITIVE):
         found = coverage(segments_of(polygon), width, height, rule)
         assert np.abs(found - 255 * expected).max() <= 0.51, rule
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from([NONZERO, EVEN_ODD, POSITIVE]))
+def test_in_words_it_is_the_same(seed, rule):
+    """Loops of any kind, across each other, past the frame, along its edges: pixel by pixel what `coverage` says."""
+    rng = np.random.default_rng(seed)
+    width, height = int(rng.integers(1, 300)), int(rng.integers(1, 40))
+    loops = []
+    for _ in range(rng.integers(1, 5)):
+        corners = rng.uniform([-30, -10], [width + 30, height + 10], (rng.integers(3, 8), 2))
+        corners = np.round(corners * 2) / 2 if rng.random() < 0.3 else corners
+        loops.append(np.concatenate([corners, np.roll(corners, -1, axis=0)], axis=1))
+    segments = np.ascontiguousarray(np.concatenate(loops))
+    words = GreyImage(width, *coverage_in_words(segments, width, height, rule))
+    assert np.array_equal(np.asarray(words), coverage(segments, width, height, rule))
+    again = GreyImage.of(coverage(segments, width, height, rule))
+    assert all(np.array_equal(getattr(words, name), getattr(again, name)) for name in ("firsts", "at", "values"))
 
 
 @pytest.mark.parametrize("degrees", [3, 10, 25, 40])

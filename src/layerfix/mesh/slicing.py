@@ -169,7 +169,7 @@ class _Sliced:
         """The layer's greys. What is thinner than a pixel or a layer stays as it is in `rows`."""
         from layerfix.layers.greys import solid_rows
 
-        grey = GreyImage.of(_covered(self.pieces, self.grid, index))
+        grey = _covered(self.pieces, self.grid, index)
         seen, _ = solid_rows(grey, THRESHOLD, GREY_FLOOR)
         if found.hairline_px or found.sheet_px:
             plain = [replace(piece, hairlines=False, sheets=None) for piece in self.pieces]
@@ -195,27 +195,28 @@ def _sliced(
     return _Sliced(how, pieces, grid, antialias, share)
 
 
-def _covered(pieces: list[_Piece], grid: Grid, index: int) -> NDArray[np.uint8]:
-    """(H, W) uint8: the greys of one layer of all pieces together."""
-    from layerfix.mesh.coverage import coverage
+def _covered(pieces: list[_Piece], grid: Grid, index: int) -> GreyImage:
+    """The greys of one layer of all pieces together."""
+    from layerfix.mesh.coverage import coverage, coverage_in_words
 
     height, width = grid.shape[0], grid.width
 
-    def of(cutter: Cutter, rule: int) -> NDArray[np.uint8]:
+    def segments_of(cutter: Cutter) -> NDArray[np.float64]:
         segments = cutter.segments(index)
         if not cutter.closed and len(segments):
             segments, _ = close_gaps(segments, grid.pitch)
-        covered: NDArray[np.uint8] = coverage(segments, width, height, rule)
-        return covered
+        return segments
 
+    if len(pieces) == 1 and not pieces[0].clips:
+        return GreyImage(width, *coverage_in_words(segments_of(pieces[0].cutter), width, height, pieces[0].rule))
     out = np.zeros((height, width), np.uint8)
     for piece in pieces:
-        grey = of(piece.cutter, piece.rule)
+        grey = coverage(segments_of(piece.cutter), width, height, piece.rule)
         for cutter, inside in piece.clips:
-            clip = of(cutter, NONZERO)
+            clip = coverage(segments_of(cutter), width, height, NONZERO)
             np.minimum(grey, clip if inside else 255 - clip, out=grey)
         np.maximum(out, grey, out=out)
-    return out
+    return GreyImage.of(out)
 
 
 def _pieces(mesh: Mesh, grid: Grid, rule: int, hairlines: bool, z_sampling: ZSampling) -> list[_Piece]:

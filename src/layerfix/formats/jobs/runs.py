@@ -23,6 +23,7 @@ OUT = types.Array(types.uint8, 1, "C")
 GREYS = types.Array(types.uint8, 2, "C")
 IMAGE = types.Array(types.uint8, 2, "C", readonly=True)
 LONGEST_PHOTON = 125
+EIGHT = np.uint64(0x0101010101010101)  # times a grey: that grey eight times
 
 
 @njit
@@ -250,6 +251,7 @@ def encode_greys(image, goo):  # type: ignore[no-untyped-def]  # numba types it
     """A grey layer as GOO or CTB runs (CTB holds 7 bits: the lowest is lost)."""
     flat = image.reshape(-1)
     total = flat.shape[0]
+    octets = flat[: total & ~7].view(np.uint64)
     lost = 0 if goo else 1
     out = np.empty(4096, np.uint8)
     n, at = 0, 0
@@ -258,6 +260,10 @@ def encode_greys(image, goo):  # type: ignore[no-untyped-def]  # numba types it
         stop = at + 1
         while stop < total and np.int64(flat[stop]) >> lost == value >> lost:
             stop += 1
+            if stop & 7 == 0:  # eight at a time
+                eight = np.uint64(value) * EIGHT
+                while stop >> 3 < octets.shape[0] and octets[stop >> 3] == eight:
+                    stop += 8
         if n + 64 > out.shape[0]:
             bigger = np.empty(2 * out.shape[0], np.uint8)
             bigger[:n] = out[:n]
