@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from layerfix.bits import pack, unpack, words_for
 from layerfix.formats.jobs import runs
+from layerfix.layers.grey_image import GreyImage, Greys
 from layerfix.layers.greys import pack_from
 from tests import independent_readers as plain
 
@@ -81,6 +82,16 @@ def test_goo_greys(image, threshold):
         again = np.zeros_like(image)
         runs.decode_goo_greys(as_data(data), again)
         assert np.array_equal(again, image)
+
+
+@given(greys(), st.booleans(), st.sampled_from(["", "x", "y", "xy"]), st.integers(1, 5))
+def test_greys_in_bands_are_the_same_runs(image, goo, axes, step):
+    """Runs go on from band to band; mirrored as numpy mirrors."""
+    bands = Greys(image.shape, lambda: (image[y : y + step] for y in range(0, len(image), step)))
+    across, down = -1 if "x" in axes else 1, -1 if "y" in axes else 1
+    expected = runs.encode_greys(np.ascontiguousarray(image[::down, ::across]), goo)
+    assert runs.encode_greys(bands.mirrored(axes), goo).tobytes() == expected.tobytes()
+    assert np.array_equal(np.asarray(GreyImage.of(image).mirrored(axes)), image[::down, ::across])
 
 
 def heads(data: bytes) -> list[int]:

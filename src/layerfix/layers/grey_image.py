@@ -170,7 +170,7 @@ class Greys:
         across = -1 if "x" in axes else 1
         if "y" in axes:
             return GreyImage.of(np.asarray(self)[::-1, ::across])
-        return Greys(self.shape, lambda: (band[:, ::-1] for band in self.bands()))
+        return Greys(self.shape, lambda: (_backwards(band) for band in self.bands()))
 
     def in_bits(self, bits: int) -> Greys:
         """The image in so many bits, 2 … 8."""
@@ -179,6 +179,13 @@ class Greys:
         most = (1 << bits) - 1
         levels = np.round(np.round(np.arange(256) * most / 255) * 255 / most).astype(np.uint8)
         return Greys(self.shape, lambda: (levels[band] for band in self.bands()))
+
+
+def _backwards(band: Values) -> Values:
+    """(n, W) uint8, each row from its end; by eight pixels if that can be: 4 × as fast."""
+    if band.shape[1] % 8:
+        return band[:, ::-1]
+    return np.ascontiguousarray(band).view(np.uint64)[:, ::-1].byteswap().view(np.uint8)
 
 
 class GreyImage(Greys):

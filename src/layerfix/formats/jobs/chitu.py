@@ -245,10 +245,11 @@ class _Codec:
         from layerfix.formats.jobs import runs
         from layerfix.layers.greys import pack_from
 
-        h, grey = self.header, None if greys is None else np.asarray(greys)
+        h = self.header
         if h.magic == PHOTON:
             levels = [rows] * h.planes
-            if grey is not None:
+            if greys is not None:
+                grey = np.asarray(greys)
                 # Plane k is set from k + ½ levels on, and in what is solid up to the threshold at least.
                 steps = [int(np.ceil((k + 0.5) * 255 / h.planes)) for k in range(h.planes)]
                 enough = int(np.ceil(self.threshold * h.planes / 255))
@@ -256,7 +257,7 @@ class _Codec:
                 levels = [level | rows if k < enough else level for k, level in enumerate(levels)]
             planes = [runs.encode_photon(np.ascontiguousarray(r), h.width).tobytes() for r in levels]
         else:
-            data = runs.encode_runs(rows, h.width, False) if grey is None else runs.encode_greys(grey, False)
+            data = runs.encode_runs(rows, h.width, False) if greys is None else runs.encode_greys(greys, False)
             planes = [(data ^ runs.key_stream(h.key, index, len(data)) if h.key else data).tobytes()]
         return b"".join(struct.pack("<I", len(p)) + p for p in planes)
 

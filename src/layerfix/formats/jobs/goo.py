@@ -107,8 +107,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
 
         if greys is None:
             return bytes(runs.encode_runs(rows, width, True))
-        grey = np.asarray(greys)
-        return bytes(runs.encode_greys(grey if eight_bit else _to_4_bit(grey, hints.threshold), True))
+        held = greys if eight_bit else _to_4_bit(np.asarray(greys), hints.threshold)
+        return bytes(runs.encode_greys(held, True))
 
     def save(target: BinaryIO, spool: Spool, totals: Totals) -> None:
         _save(target, data, places, spool, totals)
@@ -168,7 +168,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
 
         image = greys_of(layer, printer.antialias_bits or 8)
         if image is not None:
-            data = runs.encode_greys(np.asarray(image.mirrored(mirror)), True)
+            data = runs.encode_greys(image.mirrored(mirror), True)
         else:
             data = runs.encode_runs(mirrored(layer.rows, width, mirror), width, True)
         return bytes(data), preview.reduce(layer), layer.count_px()

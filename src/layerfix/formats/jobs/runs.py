@@ -12,15 +12,22 @@ Three codes (sources: catibo's cbddlp-ctb.adoc, BSD-2; uv3dp, MIT; the GOO speci
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import types
 
 from layerfix.bits import ALL, ROWS, U0, U1, WORK, lowest_bit
 from layerfix.kernels import njit
+from layerfix.layers.grey_image import Greys
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 DATA = types.Array(types.uint8, 1, "C", readonly=True)
 OUT = types.Array(types.uint8, 1, "C")
 GREYS = types.Array(types.uint8, 2, "C")
+STATE = types.Array(types.int64, 1, "C")
 IMAGE = types.Array(types.uint8, 2, "C", readonly=True)
 LONGEST_PHOTON = 125
 EIGHT = np.uint64(0x0101010101010101)  # times a grey: that grey eight times
@@ -246,31 +253,47 @@ def encode_runs(rows, width, goo):  # type: ignore[no-untyped-def]  # numba type
     return out[:n].copy()
 
 
-@njit(OUT(IMAGE, types.boolean), cache=True, nogil=True)
-def encode_greys(image, goo):  # type: ignore[no-untyped-def]  # numba types it
-    """A grey layer as GOO or CTB runs (CTB holds 7 bits: the lowest is lost)."""
+@njit(OUT(IMAGE, types.boolean, STATE), cache=True, nogil=True)
+def _encode_band(image, goo, state):  # type: ignore[no-untyped-def]  # numba types it
+    """The runs that end in a band of rows. state: the grey of the run that goes on, and its length so far (0 before
+    the first band); of an empty band it is ended."""
     flat = image.reshape(-1)
     total = flat.shape[0]
     octets = flat[: total & ~7].view(np.uint64)
     lost = 0 if goo else 1
     out = np.empty(4096, np.uint8)
     n, at = 0, 0
-    while at < total:
-        value = np.int64(flat[at])
-        stop = at + 1
+    value, length = state[0], state[1]
+    while at < total or (total == 0 and length > 0):
+        if length == 0:
+            value = np.int64(flat[at])
+        stop = at
         while stop < total and np.int64(flat[stop]) >> lost == value >> lost:
             stop += 1
             if stop & 7 == 0:  # eight at a time
                 eight = np.uint64(value) * EIGHT
                 while stop >> 3 < octets.shape[0] and octets[stop >> 3] == eight:
                     stop += 8
+        length += stop - at
+        at = stop
+        if at == total and total > 0:
+            break
         if n + 64 > out.shape[0]:
             bigger = np.empty(2 * out.shape[0], np.uint8)
             bigger[:n] = out[:n]
             out = bigger
-        n = _put(goo, out, n, value, stop - at)
-        at = stop
+        n = _put(goo, out, n, value, length)
+        length = 0
+    state[0], state[1] = value, length
     return out[:n].copy()
+
+
+def encode_greys(image: NDArray[np.uint8] | Greys, goo: bool) -> NDArray[np.uint8]:
+    """A grey layer as GOO or CTB runs (CTB holds 7 bits: the lowest is lost); from `Greys` a band at a time."""
+    state = np.zeros(2, np.int64)
+    bands = image.bands() if isinstance(image, Greys) else [image]
+    parts = [_encode_band(np.ascontiguousarray(band), goo, state) for band in bands]
+    return np.concatenate([*parts, _encode_band(np.empty((0, 0), np.uint8), goo, state)])
 
 
 # --------------------------------------------------------------------------------------------------- GOO
