@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 import shapely
@@ -141,6 +143,31 @@ def test_ordinary_parts_do_not_change(circles):
     shape = snapped(shape.buffer(-0.8).buffer(1.6).buffer(-0.8))  # rounds what corners there are, inside and out
     if pieces_of(shape):
         assert np.array_equal(filled(shape), filled(shape, thin=False))
+
+
+@settings(max_examples=1500)
+@given(
+    st.lists(st.tuples(st.integers(40, 48), st.integers(40, 48)), min_size=3, max_size=8, unique=True), st.booleans()
+)
+def test_what_touches_centres_and_edges_is_there(corners, round_off):
+    """Corners on quarters of a pixel, as drawn pins have them: a touch is no crossing, and nothing is lost for it."""
+    hull = shapely.MultiPoint([(x / 4, y / 4) for x, y in corners]).convex_hull
+    shape = snapped(hull.buffer(0.25, quad_segs=2) if round_off else hull)
+    if pieces_of(shape):
+        image = filled(shape)
+        assert slow_twin.components(image) == 1, f"\n{drawing(image)}"
+        y, x = np.nonzero(image)
+        assert shapely.dwithin(shapely.box(x - 1, y - 1, x + 1, y + 1), shape, 1e-6).all()
+
+
+@pytest.mark.parametrize("sides", [4, 8, 32])
+@pytest.mark.parametrize("diameter", [0.5, 1.0])
+def test_a_pin_as_wide_as_a_pixel_is_there_wherever_it_stands(diameter, sides):
+    """Its middle on corners, on edges and on centres of pixels."""
+    turn = np.arange(sides) * 2 * np.pi / sides
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1) * diameter / 2
+    for x, y in product((20, 20.25, 20.5, 20.75), repeat=2):
+        assert filled(snapped(Polygon(circle + np.array([x, y])))).any(), (x, y)
 
 
 def test_a_pin_inside_a_cell_is_a_pixel():

@@ -194,14 +194,17 @@ def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]  # numb
     for s in range(segments.shape[0]):
         x0, y0, x1, y1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
         c0, c1 = math.ceil(x0), math.ceil(x1)
+        # The cell around the segment, with its border: of a curve in a cell some segment has its middle inside.
+        c, r = math.ceil((x0 + x1) / 2), math.ceil((y0 + y1) / 2)
+        within = min(x0, x1) >= c - 1 and max(x0, x1) <= c and x0 + x1 < 2 * c
+        within = within and min(y0, y1) >= r - 1 and max(y0, y1) <= r and y0 + y1 < 2 * r
+        if within and not (
+            bit_at(rows, r, c) | bit_at(rows, r - 1, c) | bit_at(rows, r, c - 1) | bit_at(rows, r - 1, c - 1)
+        ):
+            inner = _grown(inner, cells)
+            inner[cells] = (r * stride + c) * segments.shape[0] + s
+            cells += 1
         if c0 == c1:
-            r = math.ceil(y0)
-            if r == math.ceil(y1) and not (
-                bit_at(rows, r, c0) | bit_at(rows, r - 1, c0) | bit_at(rows, r, c0 - 1) | bit_at(rows, r - 1, c0 - 1)
-            ):
-                inner = _grown(inner, cells)
-                inner[cells] = (r * stride + c0) * segments.shape[0] + s
-                cells += 1
             continue
         begins = np.int64(c1 < c0)
         if begins:
@@ -231,9 +234,10 @@ def _mark_rows(spans, width, marks):  # type: ignore[no-untyped-def]  # numba ty
 
 
 @njit
-def _mark_columns(keys, stride, height, rule, marks, m):  # type: ignore[no-untyped-def]  # numba types it
-    """An end of every edge along a column that solid crosses from one side to the other. Returns how many marks."""
-    i = 0
+def _mark_columns(keys, stride, height, rule, marks, m, met):  # type: ignore[no-untyped-def]  # numba types it
+    """An end of every edge along a column that meets solid. Returns how many marks there are then, and how many such
+    edges, which are `met`, in order: a curve that only touches an edge has no solid there."""
+    i, edges = 0, 0
     while i < keys.shape[0]:
         edge = keys[i] // (2 * ONE)
         winding, thick, total, count = 0, False, np.int64(0), 0
@@ -249,20 +253,22 @@ def _mark_columns(keys, stride, height, rule, marks, m):  # type: ignore[no-unty
             up = 1 if 2 * total < count * ONE else 0
             marks[m, 0], marks[m, 1] = min(max(edge // stride - up, 0), height - 1), edge % stride
             m += 1
-    return m
+            met[edges] = edge
+            edges += 1
+    return m, edges
 
 
 @njit
-def _mark_cells(segments, inner, keys, spans, stride, height, width, marks, m):  # type: ignore[no-untyped-def]  # numba types it
-    """A pixel for every curve that stays within a cell. Returns how many marks."""
+def _mark_cells(segments, inner, met, spans, stride, height, width, marks, m):  # type: ignore[no-untyped-def]  # numba types it
+    """A pixel for every curve whose solid stays within a cell. Returns how many marks. met: edges along columns."""
     for p in range(inner.shape[0]):
         cell, s = inner[p] // segments.shape[0], inner[p] % segments.shape[0]
         if p and inner[p - 1] // segments.shape[0] == cell:
             continue
         crossed = False
         for edge in (cell, cell - 1):  # along columns: right and left
-            at = below(keys, edge * 2 * ONE)
-            crossed |= at < keys.shape[0] and keys[at] < (edge + 1) * 2 * ONE
+            at = below(met, edge)
+            crossed |= at < met.shape[0] and met[at] == edge
         for row in (cell // stride - 1, cell // stride):  # along rows: above and below
             at = below(spans[:, 0], row)
             while at < spans.shape[0] and spans[at, 0] == row:
@@ -292,8 +298,9 @@ def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]  # 
         return 0
     marks = np.empty((spans.shape[0] + keys.shape[0] + inner.shape[0], 2), np.int64)
     m = _mark_rows(spans, width, marks)
-    m = _mark_columns(keys, stride, height, rule, marks, m)
-    m = _mark_cells(segments, inner, keys, spans, stride, height, width, marks, m)
+    met = np.empty(keys.shape[0], np.int64)
+    m, edges = _mark_columns(keys, stride, height, rule, marks, m, met)
+    m = _mark_cells(segments, inner, met[:edges], spans, stride, height, width, marks, m)
     near = np.empty(m, np.bool_)
     for k in range(m):
         near[k] = around(rows, marks[k, 0], marks[k, 1]) != 0
