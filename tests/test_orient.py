@@ -13,13 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import layerfix as lf
+from layerfix.commands.orient import lines_of
 from layerfix.draw.sphere import sphere_map
 from layerfix.mesh.triangles import Mesh
 from layerfix.orientation.aims import AIMS, Shape, aims_for, check_weights
 from layerfix.orientation.anneal import COLD, COOLINGS, HOT, REACH, Annealing, accepted, anneal, temperature
 from layerfix.orientation.candidates import structured
 from layerfix.orientation.directions import AS_GIVEN, Pose, axis_angle, fibonacci, pose_of
-from layerfix.orientation.objective import Counts, Objective, Printing
+from layerfix.orientation.objective import CLOSE, Counts, Objective, Printing
 from layerfix.orientation.outcome import non_dominated
 from layerfix.orientation.search import Search, State
 from layerfix.samples import sample
@@ -64,6 +65,34 @@ def test_the_list_begins_with_the_best_and_has_distinct_directions(quick):
     for k, one in enumerate(quick.candidates):
         assert all(axis_angle(one.direction, two.direction) > math.radians(4.9) for two in quick.candidates[:k])
     assert len(quick.candidates) == 10
+
+
+@pytest.mark.parametrize("method", ["quick", "race"])
+def test_of_a_tall_part_what_is_listed_is_counted_in_full(method):
+    """Most poses are looked at on some of the layers; no figure that is shown is an estimate."""
+    found = lf.orient(leaning_fins(), method=method, **{**HOW, "layer_mm": 0.0025})
+    assert min(one.layers for one in found.candidates) > 2 * CLOSE
+    assert len(found.candidates) == 10
+    for one in found.candidates:
+        counts = found.objective.count(one.pose)
+        assert found.seen[one.pose].whole
+        assert (one.added_px, one.removed_px) == (counts.added, counts.removed)
+    assert sum(counts.whole for counts in found.seen.values()) < 40
+    assert found.reduction_percent > 90
+
+
+def test_a_pose_that_no_layer_meets_is_not_a_good_one():
+    """It needs no correction, for nothing of it would be printed: that is said, and written as no number."""
+    found = lf.orient(box([0, 0, 0], [4, 4, 0.1]), method="quick", **HOW)
+    assert not found.initial.printed
+    assert found.best.printed
+    assert all(one.printed for one in found.candidates)
+    assert "nothing of the part would be printed" in found.notes[0]
+    assert "Infinity" not in json.dumps(found.summary())
+    assert lines_of(found, [])[0][1].startswith("in no layer")
+    between = Counts(3, 9, 0, 0, 0, (0, 0, 0), 1.0)
+    assert between.empty
+    assert not between._replace(solid=1).empty
 
 
 def test_the_summary_has_the_keys_that_scripts_read(quick):

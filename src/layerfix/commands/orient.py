@@ -209,7 +209,7 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
 def front_drawing(found: Orientation, front: Sequence[Candidate], names: Sequence[str]) -> Any:
     """Correction against the first other aim, of all poses counted in full."""
     name = chosen_aims(found.aims, names)[0]
-    poses = [pose for pose, counts in found.seen.items() if counts.whole and counts.layers]
+    poses = [pose for pose, counts in found.seen.items() if counts.whole and not counts.empty]
     shown = [
         candidate_of(found.aims, found.objective, turned, found.seen[pose])
         for pose in poses
@@ -238,10 +238,11 @@ def _theta(one: Candidate) -> str:
 def lines_of(found: Orientation, written_to: Sequence[Path]) -> list[tuple[str, str]]:
     """(name, value) of what a user wants to see."""
     given, best = found.initial, found.best
+    before = f"{given.changed_px} px, {given.changed_mm3:.4g} mm³ to correct" if given.printed else "in no layer"
+    less = f": {found.reduction_percent:.3g} % less" if given.printed else ""
     rows = [
-        ("as given", f"{given.changed_px} px, {given.changed_mm3:.4g} mm³ to correct, {given.height_mm:.4g} mm high"),
-        ("best", f"{best.changed_px} px, {best.changed_mm3:.4g} mm³, {best.height_mm:.4g} mm high:"
-                 f" {found.reduction_percent:.3g} % less"),
+        ("as given", f"{before}, {given.height_mm:.4g} mm high"),
+        ("best", f"{best.changed_px} px, {best.changed_mm3:.4g} mm³, {best.height_mm:.4g} mm high{less}"),
         ("turned by", f"θ = {_theta(best)} rad about x and z, {math.degrees(best.psi_rad):.1f}° on the plate"),
         ("up is", "({:.3f}, {:.3f}, {:.3f}) of the part as it is given".format(*best.direction)),
     ]  # fmt: skip

@@ -49,9 +49,10 @@ def standing(mesh: Mesh, options: Options, progress: Callable[[int, int], None])
         note = f"stands as it is given: of {found.screened} poses none needs less than {given.changed_px} px"
     else:
         theta = ", ".join(f"{angle:.2f}".replace("-0.00", "0.00") for angle in best.theta_rad)
-        note = (
-            f"turned by θ = [{theta}] and {best.psi_rad:.2f} rad on the plate: {best.changed_px} px to correct"
-            f" instead of {given.changed_px} ({found.reduction_percent:.3g} % less)"
-        )
+        before = f"instead of {given.changed_px} ({found.reduction_percent:.3g} % less)"
+        if not given.printed:
+            before = "where as it is given no layer would meet it"
+        note = f"turned by θ = [{theta}] and {best.psi_rad:.2f} rad on the plate:"
+        note += f" {best.changed_px} px to correct {before}"
     placed = found.mesh()
     return replace(placed, notes=(*placed.notes, note)), found

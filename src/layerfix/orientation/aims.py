@@ -102,8 +102,8 @@ class Aims:
         return tuple(name for name in OF_SHAPE if self.weights.get(name, 0.0) > 0)
 
     def value(self, pose: Pose, counts: Counts) -> float:
-        """The weighted sum, less is better; a pose in which the part is too low for a layer is infinitely bad."""
-        if not counts.layers:
+        """The weighted sum, less is better; infinite for a pose in which nothing would be printed."""
+        if counts.empty:
             return math.inf
         found = counts.estimate()
         of_shape = self.shape.terms(pose) if self.of_shape else {}

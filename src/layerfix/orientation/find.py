@@ -183,9 +183,7 @@ def _outcome(search: Search, options: Options, pose: Pose, interrupted: bool) ->
     assert aims is not None
     whole = search.whole()
     if not whole:
-        raise InputError(
-            f"{search.objective.mesh.name}: no pose that fits, and is as high as a layer, was counted in full"
-        )
+        raise InputError(f"{search.objective.mesh.name}: no pose that fits, and prints anything, was counted in full")
     if interrupted:
         pose = whole[0]
     if aims.of_shape and aims.value(pose.flipped(), search.seen[pose]) < aims.value(pose, search.seen[pose]):
@@ -231,7 +229,9 @@ def _notes(search: Search, initial: Candidate, best: Candidate, interrupted: boo
     notes = list(search.objective.mesh.notes)
     if interrupted:
         notes.append("broken off: this is the best so far; with --log and --resume it goes on from there")
-    if not initial.changed_px:
+    if not initial.printed:
+        notes.append("as it is given, nothing of the part would be printed: no layer meets it")
+    elif not initial.changed_px:
         notes.append("the part needs no correction as it stands")
     elif best.pose == AS_GIVEN:
         notes.append("the part stands best as it is given: nothing better was found")

@@ -64,6 +64,11 @@ class Counts(NamedTuple):
         return self.seen == self.layers
 
     @property
+    def empty(self) -> bool:
+        """Whether nothing of the part is in the layers: it is lower than one, or none meets it."""
+        return not self.layers or (self.seen > 0 and not self.solid)
+
+    @property
     def close(self) -> bool:
         """Whether all layers were seen, or CLOSE."""
         return self.whole or self.seen >= CLOSE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,8 @@ class Candidate:
 
     theta_rad    (θ₁, θ₂), radians; psi_rad: turned on the plate after that
     direction    what points up, a unit vector in the part as it is given
-    value        the weighted sum that was minimised; 1 for the part as it is given, if only correction counts
+    value        the weighted sum that was minimised; 1 for the part as it is given, if only correction counts;
+                 infinite where nothing of the part would be printed
     added_px, removed_px, added_mm3, removed_mm3  what correction changes
     height_mm, layers  of the part in this pose
     terms        the other aims (`layerfix.orientation.aims`), each in its unit
@@ -53,6 +55,11 @@ class Candidate:
     def changed_px(self) -> int:
         """C: added and removed pixels."""
         return self.added_px + self.removed_px
+
+    @property
+    def printed(self) -> bool:
+        """Whether anything of the part is in the layers of this pose."""
+        return self.value < math.inf
 
     @property
     def changed_mm3(self) -> float:
@@ -116,7 +123,7 @@ class Orientation:
         Values are pixels of correction, or the weighted sum if other aims count; then opposite directions differ, and
         both are there.
         """
-        poses = [pose for pose, counts in self.seen.items() if counts.layers]
+        poses = [pose for pose, counts in self.seen.items() if not counts.empty]
         if self.aims.of_shape:
             both = [(p, self.seen[pose]) for pose in poses for p in (pose, pose.flipped())]
             values = [self.aims.value(pose, counts) for pose, counts in both]
@@ -163,7 +170,7 @@ def front_of(
 ) -> list[tuple[Candidate, Pose]]:
     """The non-dominated candidates, least correction first, each with the pose that was counted (itself or its
     opposite); with those that are only estimated, if told so."""
-    counted = [pose for pose, counts in seen.items() if counts.layers and (counts.whole or estimated)]
+    counted = [pose for pose, counts in seen.items() if not counts.empty and (counts.whole or estimated)]
     found = [
         (candidate_of(aims, objective, turned, seen[pose]), pose)
         for pose in counted
@@ -209,7 +216,7 @@ def written(one: Candidate) -> dict[str, Any]:
         "added_mm3": one.added_mm3,
         "removed_mm3": one.removed_mm3,
         "mean_px": one.mean_px,
-        "value": one.value,
+        "value": one.value if one.printed else None,
         "theta_rad": list(one.theta_rad),
         "psi_rad": one.psi_rad,
         "direction": list(one.direction),

@@ -160,5 +160,5 @@ class Search:
         return self._ranked(lambda counts: counts.close)
 
     def _ranked(self, enough: Callable[[Counts], bool]) -> list[Pose]:
-        found = [p for p in self.order if self.seen[p].layers and enough(self.seen[p]) and self.fits(p)]
+        found = [p for p in self.order if not self.seen[p].empty and enough(self.seen[p]) and self.fits(p)]
         return sorted(found, key=lambda pose: (self.value(pose), pose != AS_GIVEN))

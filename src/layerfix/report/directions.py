@@ -15,7 +15,7 @@ MOST_POSES = 4000  # of more, those that were counted in full, and the best of t
 def directions_of(found: Orientation) -> dict[str, Any]:
     """JSON of the map: docs/report.md, `orientation`. Poses turned over are there, too, if aims tell them apart."""
     both = bool(found.aims.of_shape)
-    poses = [pose for pose, counts in found.seen.items() if counts.layers]
+    poses = [pose for pose, counts in found.seen.items() if not counts.empty]
     rows = []
     for pose in poses:
         counts = found.seen[pose]
