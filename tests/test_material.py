@@ -393,6 +393,21 @@ def test_edge_distance_is_exact_as_far_as_asked(seed, reach, width, height):
     assert found == pytest.approx(expected, abs=1e-5)
 
 
+@settings(max_examples=100)
+@given(any_seed, st.integers(1, 70))
+def test_edge_distance_inside_large_bodies(seed, reach):
+    """A block with a few holes of one pixel: what is deep, and what is just not, in words without a hole, too."""
+    random = np.random.default_rng(seed)
+    image = np.zeros((60, 384), np.bool_)
+    image[1:-1, 1:-1] = True
+    image[30 + random.integers(-3, 4, 3), random.integers(64, 320, 3)] = False
+    tall = np.repeat(image, [1, *[2] * 28, 1, 1, *[2] * 28, 1], axis=0)  # so that more is deep
+    away = np.minimum(ndimage.distance_transform_edt(tall), reach) - 0.5
+    expected = np.where(tall, np.maximum(away, 1e-3), -0.5)
+    found = edge_distance(pack(tall), np.float32(reach), np.float32(1), np.float32(0))
+    assert found == pytest.approx(expected, abs=1e-4)
+
+
 @given(any_seed, st.integers(1, 64), st.sampled_from([64, 128, 192]), st.integers(1, 50))
 def test_share_of_cells(seed, size, width, height):
     """The mean of each cell; cells that stick out count what is there."""

@@ -19,7 +19,7 @@ from numba import types
 
 from layerfix.bits import ALL, ROWS, U0, U1, WORK, lowest_bit
 from layerfix.kernels import njit
-from layerfix.layers.grey_image import Greys
+from layerfix.layers.grey_image import ONES, Greys
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,7 +30,6 @@ GREYS = types.Array(types.uint8, 2, "C")
 STATE = types.Array(types.int64, 1, "C")
 IMAGE = types.Array(types.uint8, 2, "C", readonly=True)
 LONGEST_PHOTON = 125
-EIGHT = np.uint64(0x0101010101010101)  # times a grey: that grey eight times
 
 
 @njit
@@ -271,7 +270,7 @@ def _encode_band(image, goo, state):  # type: ignore[no-untyped-def]  # numba ty
         while stop < total and np.int64(flat[stop]) >> lost == value >> lost:
             stop += 1
             if stop & 7 == 0:  # eight at a time
-                eight = np.uint64(value) * EIGHT
+                eight = np.uint64(value) * ONES
                 while stop >> 3 < octets.shape[0] and octets[stop >> 3] == eight:
                     stop += 8
         length += stop - at
