@@ -29,6 +29,7 @@ SEGMENTS = types.Array(types.float64, 2, "C")
 EVEN_ODD, NONZERO, POSITIVE = 0, 1, 2
 BITS = 20
 ONE = 1 << BITS  # of an edge
+LEAST_AREA = 1e-9  # px², of a piece within a cell: a sheet drawn on both sides has none
 
 
 @njit
@@ -194,11 +195,9 @@ def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]  # numb
     for s in range(segments.shape[0]):
         x0, y0, x1, y1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
         c0, c1 = math.ceil(x0), math.ceil(x1)
-        # The cell around the segment, with its border: of a curve in a cell some segment has its middle inside.
-        c, r = math.ceil((x0 + x1) / 2), math.ceil((y0 + y1) / 2)
-        within = min(x0, x1) >= c - 1 and max(x0, x1) <= c and x0 + x1 < 2 * c
-        within = within and min(y0, y1) >= r - 1 and max(y0, y1) <= r and y0 + y1 < 2 * r
-        if within and not (
+        # The cell around the segment: one on a border is the cell's to the right and below.
+        c, r = math.floor((x0 + x1) / 2) + 1, math.floor((y0 + y1) / 2) + 1
+        if (max(x0, x1) <= c and max(y0, y1) <= r and min(x0, x1) >= c - 1 and min(y0, y1) >= r - 1) and not (
             bit_at(rows, r, c) | bit_at(rows, r - 1, c) | bit_at(rows, r, c - 1) | bit_at(rows, r - 1, c - 1)
         ):
             inner = _grown(inner, cells)
@@ -235,11 +234,12 @@ def _mark_rows(spans, width, marks):  # type: ignore[no-untyped-def]  # numba ty
 
 @njit
 def _mark_columns(keys, stride, height, rule, marks, m, met):  # type: ignore[no-untyped-def]  # numba types it
-    """An end of every edge along a column that meets solid. Returns how many marks there are then, and how many such
-    edges, which are `met`, in order: a curve that only touches an edge has no solid there."""
+    """An end of every edge along a column that solid crosses from one side to the other. Returns how many marks there
+    are then, and how many edges are `met`, in order: crossed at two places. At one a curve only touches them."""
     i, edges = 0, 0
     while i < keys.shape[0]:
         edge = keys[i] // (2 * ONE)
+        first, part = (keys[i] >> 1) % ONE, np.int64(0)
         winding, thick, total, count = 0, False, np.int64(0), 0
         while i < keys.shape[0] and keys[i] // (2 * ONE) == edge:
             part = (keys[i] >> 1) % ONE
@@ -249,21 +249,30 @@ def _mark_columns(keys, stride, height, rule, marks, m, met):  # type: ignore[no
             i += 1
             if i < keys.shape[0] and keys[i] // (2 * ONE) == edge and (keys[i] >> 1) % ONE > part:
                 thick |= winding_is_inside(winding, count, rule)
+        if part > first or count & 1:
+            met[edges] = edge
+            edges += 1
         if thick and count & 1 == 0 and not (rule == NONZERO and winding != 0):
             up = 1 if 2 * total < count * ONE else 0
             marks[m, 0], marks[m, 1] = min(max(edge // stride - up, 0), height - 1), edge % stride
             m += 1
-            met[edges] = edge
-            edges += 1
     return m, edges
 
 
 @njit
-def _mark_cells(segments, inner, met, spans, stride, height, width, marks, m):  # type: ignore[no-untyped-def]  # numba types it
-    """A pixel for every curve whose solid stays within a cell. Returns how many marks. met: edges along columns."""
-    for p in range(inner.shape[0]):
-        cell, s = inner[p] // segments.shape[0], inner[p] % segments.shape[0]
-        if p and inner[p - 1] // segments.shape[0] == cell:
+def _mark_cells(segments, inner, met, spans, rule, stride, height, width, marks, m):  # type: ignore[no-untyped-def]  # numba types it
+    """A pixel for every curve round some solid that stays within a cell, its border too. Returns how many marks.
+    met: edges along columns that are crossed."""
+    p = 0
+    while p < inner.shape[0]:
+        cell, area, within = inner[p] // segments.shape[0], 0.0, -1
+        while p < inner.shape[0] and inner[p] // segments.shape[0] == cell:
+            x0, y0, x1, y1 = segments[inner[p] % segments.shape[0]]
+            area += ((cell % stride) - (x0 + x1) / 2) * (y1 - y0)  # right of the curve there is none
+            if within < 0 and (x0 != x1 or x0 > cell % stride - 1) and (y0 != y1 or y0 > cell // stride - 1):
+                within = inner[p] % segments.shape[0]
+            p += 1
+        if within < 0 or (area if rule == POSITIVE else abs(area)) < LEAST_AREA:
             continue
         crossed = False
         for edge in (cell, cell - 1):  # along columns: right and left
@@ -275,8 +284,8 @@ def _mark_cells(segments, inner, met, spans, stride, height, width, marks, m):  
                 crossed |= spans[at, 1] == cell % stride
                 at += 1
         if not crossed:
-            marks[m, 0] = min(max(math.floor(segments[s, 1] + 0.5), 0), height - 1)
-            marks[m, 1] = min(max(math.floor(segments[s, 0] + 0.5), 0), width - 1)
+            marks[m, 0] = min(max(math.floor(segments[within, 1] + 0.5), 0), height - 1)
+            marks[m, 1] = min(max(math.floor(segments[within, 0] + 0.5), 0), width - 1)
             m += 1
     return m
 
@@ -300,7 +309,7 @@ def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]  # 
     m = _mark_rows(spans, width, marks)
     met = np.empty(keys.shape[0], np.int64)
     m, edges = _mark_columns(keys, stride, height, rule, marks, m, met)
-    m = _mark_cells(segments, inner, met[:edges], spans, stride, height, width, marks, m)
+    m = _mark_cells(segments, inner, met[:edges], spans, rule, stride, height, width, marks, m)
     near = np.empty(m, np.bool_)
     for k in range(m):
         near[k] = around(rows, marks[k, 0], marks[k, 1]) != 0
