@@ -24,7 +24,7 @@ import layerfix as lf
 from layerfix.errors import InputError, LayerfixError
 from layerfix.formats.jobs.zips import LARGEST_DIRECTORY, Archive
 from layerfix.formats.png.encode import encode_png
-from layerfix.formats.png.images import numeric_order
+from layerfix.formats.png.series import numeric_order
 from layerfix.formats.text_values import abridged, keyed_numbers, number_above_0, parse_json
 from tests.independent_readers import block, png_bytes, sl1_entries, thin_bar, write_zip
 

@@ -16,7 +16,7 @@ from PIL import Image, PngImagePlugin
 
 from layerfix import correct, load_printer, read, write
 from layerfix.errors import InputError, OutputError
-from layerfix.formats.png.images import numeric_order
+from layerfix.formats.png.series import numeric_order
 from layerfix.mesh.slicing import slice_mesh
 from layerfix.stack import LayerStack
 from tests.making import contents, thin_part
@@ -410,3 +410,115 @@ def contents_of(place: Path) -> dict[str, bytes]:
         with zipfile.ZipFile(place) as archive:
             return {name: archive.read(name) for name in archive.namelist()}
     return {file.name: file.read_bytes() for file in sorted(place.iterdir())}
+
+
+def named(place: Path, *names: str) -> Path:
+    """A stack of as many 4 × 4 images, each as its suffix says; a name with a folder in front goes into it."""
+    files = {}
+    for name in names:
+        buffer = io.BytesIO()
+        kind = {".jpg": "JPEG", ".tif": "TIFF", ".bmp": "BMP", ".png": "PNG"}[Path(name).suffix]
+        Image.fromarray(np.full((4, 4), 255, np.uint8)).save(buffer, kind)
+        files[name] = buffer.getvalue()
+    return made(place, files)
+
+
+@either_container
+@pytest.mark.parametrize("suffix", [".jpg", ".bmp", ".tif"])
+@pytest.mark.parametrize("third", ["3", "7"])
+def test_a_layer_that_is_no_png_is_not_left_out(tmp_path, name, suffix, third):
+    """Between the others or after them: a part without it would be another part."""
+    place = named(tmp_path / name, "1.png", "2.png", f"{third}{suffix}", "4.png")
+    with pytest.raises(InputError, match=rf"{name}: {third}{suffix} is no PNG image, as 1.png is; save all"):
+        read(place, **GIVEN)
+
+
+@either_container
+def test_images_beside_the_layers_are_named(tmp_path, name):
+    """A preview is no layer; a PNG with another kind of name is one, and told."""
+    place = named(tmp_path / name, "layer1.png", "layer2.png", "cover.jpg")
+    assert read(place, **GIVEN).notes == ("not read, since no PNG: cover.jpg",)
+    place = named(tmp_path / f"b{name}", "layer1.png", "layer2.png", "preview.png")
+    stack = read(place, **GIVEN)
+    assert len(stack) == 3
+    assert stack.notes == ("read as layers though their names are unlike the others': preview.png",)
+
+
+@either_container
+@pytest.mark.parametrize(
+    ("numbers", "note"),
+    [
+        ((1, 2, 3), None),
+        ((0, 10, 20, 30), None),
+        ((50, 100, 150), None),
+        ((1, 2, 4, 10, 11), "numbers are missing between 2.png and 4.png, between 4.png and 10.png: the layers"),
+        ((0, 10, 30, 40), "numbers are missing between 10.png and 30.png: the layers"),
+        ((1, 3), "numbers are missing between 1.png and 3.png: the layers"),
+        ((5, 6, 7), "the first image is 5.png: it is taken for the lowest layer"),
+        (
+            (1, 3, 4, 6, 7, 9, 10, 12),
+            "between 1.png and 3.png, between 4.png and 6.png, between 7.png and 9.png and in 1",
+        ),
+    ],
+)
+def test_numbers_that_are_missing_are_told(tmp_path, name, numbers, note):
+    """Layers close up over a gap: the part would be lower there, without a word. Steps of ten are no gaps."""
+    stack = read(named(tmp_path / name, *(f"{n}.png" for n in numbers)), **GIVEN)
+    assert len(stack) == len(numbers)
+    assert [*stack.notes] == [] if note is None else note in stack.notes[0]
+
+
+@either_container
+def test_two_images_of_one_number_are_refused(tmp_path, name):
+    """`1.png` and `01.png`: one of them is left from another export."""
+    with pytest.raises(InputError, match=r"1.png and 0?1.png are of one number; a layer is one image"):
+        read(named(tmp_path / name, "1.png", "01.png", "2.png"), **GIVEN)
+
+
+def test_images_in_several_folders_are_refused(tmp_path):
+    """Two parts in one zip are no stack of both."""
+    place = named(tmp_path / "a.zip", "a/1.png", "a/2.png", "b/1.png")
+    with pytest.raises(
+        InputError, match=r"a.zip: has images in 2 folders \(a/, b/\); the layers of a part lie in one"
+    ):
+        read(place, **GIVEN)
+    assert len(read(named(tmp_path / "b.zip", "a/1.png", "a/2.png"), **GIVEN)) == 2
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA", "P", "L", "I;16"])
+def test_what_is_transparent_is_empty(tmp_path, mode):
+    """White without opacity is nothing to expose; half opaque white is half light."""
+    grey, alpha = np.array([[255, 255, 255, 0]], np.uint8), np.array([[255, 0, 128, 255]], np.uint8)
+    if mode in ("RGBA", "LA"):
+        layers = [grey] * (len(mode) - 1) + [alpha]
+        image, how, expected = Image.fromarray(np.stack(layers, -1), mode), {}, [1, 0, 1, 0]
+    elif mode == "P":
+        image, how, expected = (
+            Image.fromarray(np.array([[1, 2, 1, 0]], np.uint8), "P"),
+            {"transparency": 2},
+            [1, 0, 1, 0],
+        )
+        image.putpalette([0, 0, 0, 255, 255, 255, 255, 255, 255])
+    elif mode == "L":
+        image, how, expected = (
+            Image.fromarray(np.array([[255, 200, 255, 0]], np.uint8)),
+            {"transparency": 200},
+            [1, 0, 1, 0],
+        )
+    else:
+        wide = np.array([[65535, 51400, 65535, 0]], np.uint16)
+        image, how, expected = Image.fromarray(wide), {"transparency": 51400}, [1, 0, 1, 0]
+    image.save(tmp_path / "1.png", **how)
+    layer = read(tmp_path / "1.png", **GIVEN)[0]
+    assert layer.image().astype(int).tolist() == [expected]
+    if mode in ("RGBA", "LA"):
+        assert layer.source.grey is not None  # half light stays half light
+
+
+def test_an_animation_is_told(tmp_path):
+    """Of an animated PNG every program shows the first image, and so it is a layer; the others are named."""
+    frames = [Image.fromarray(np.full((4, 4), value, np.uint8)) for value in (255, 0, 128)]
+    frames[0].save(tmp_path / "1.png", save_all=True, append_images=frames[1:])
+    stack = read(tmp_path / "1.png", **GIVEN)
+    assert stack[0].image().all()
+    assert stack.notes == ("1.png is an animation of 3 images; only the first is read",)

@@ -339,3 +339,24 @@ def test_a_layer_with_something_wrong(tmp_path, damage):
     with pytest.raises(InputError, match=r"part\.sl1.*part00002\.png"):
         corrected_copy(source)
     assert contents(tmp_path) == before
+
+
+def test_what_is_amiss_with_the_layers_is_told(tmp_path):
+    """An image that is missing, a count that differs, images of other names: the firmware says none of it either."""
+    whole = plain.sl1_entries(drawn())
+    assert read(plain.write_zip(tmp_path / "whole.sl1", whole)).notes == ()
+    names = [name for name in whole if name.endswith(".png") and "/" not in name]
+    counted = {**whole, "config.ini": whole["config.ini"] + b"\nnumFast = 3\nnumSlow = 2\n"}
+    assert read(plain.write_zip(tmp_path / "counted.sl1", counted)).notes == ()
+    holed = {name: data for name, data in counted.items() if name != names[2]}
+    notes = read(plain.write_zip(tmp_path / "holed.sl1", holed)).notes
+    assert notes[0].startswith(f"numbers are missing between {names[1]} and {names[3]}: ")
+    assert notes[1:] == ("the job says that it has 5 layers; there are images of 4",)
+    job = names[0][:-9]
+    more = {**whole, "other00005.png": whole[names[0]], f"{job}art.png": whole[names[0]]}
+    stack = read(plain.write_zip(tmp_path / "more.sl1", more))
+    assert len(stack) == 6  # the firmware, too, takes every name that begins so
+    assert stack.notes == (
+        f"read as layers though their names are unlike the others': {job}art.png",
+        f"no layers, since their names do not begin with {job} (jobDir): other00005.png",
+    )

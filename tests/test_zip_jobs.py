@@ -160,3 +160,24 @@ def test_a_job_without_its_pitch_names_the_option(tmp_path):
     with pytest.raises(InputError, match="--printer"):
         lf.read(path)
     assert lf.read(path, pixel_mm=0.05, layer_mm=0.1).pixel_mm == (0.05, 0.05)
+
+
+@pytest.mark.parametrize("make", [chitubox, lambda f: nanodlp(f, rgb=False), lambda f: cws(f, rgb=False)])
+def test_a_layer_that_is_missing_is_told(tmp_path, make):
+    """In every job that is a zip: between which images, and how many the job speaks of, where it does."""
+    entries = raw_entries(make(tmp_path))
+    source = tmp_path / "holed.zip"
+    with zipfile.ZipFile(make(tmp_path)) as whole:
+        contents = {name: whole.read(name) for name in entries}
+    assert lf.read(write_zip(source, contents)).notes == ()
+    names = [name for name in contents if name.endswith(".png") and name != "preview.png"]
+    del contents[names[1]]
+    notes = lf.read(write_zip(source, contents), layer_mm=0.05).notes
+    assert notes[0].startswith(f"numbers are missing between {names[0]} and {names[2]}: ")
+    said = [note for note in notes if note.startswith("the job says")]
+    if "slice.conf" in contents:
+        assert said == ["the job says that it has 3 layers; there are images of 2"]
+    if "slice.conf" not in contents:
+        contents[f"0{names[0]}"] = contents[names[0]]
+        with pytest.raises(InputError, match=r"0?1.png and 0?1.png are of one number"):
+            lf.read(write_zip(source, contents))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from layerfix.errors import InputError
 from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
+from layerfix.formats.png.series import gaps_in
 from layerfix.formats.text_values import machine_name, number_above_0
 from layerfix.stack import layer_bounds_mm
 
@@ -34,6 +35,7 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     values = _comments(gcode)
     names = sorted((n for n in archive.entries if LAYER.fullmatch(n)), key=lambda n: int(n[:-4]))
     width, height, _ = check_layers(archive, names, (0,))
+    notes = gaps_in(str(archive.path), names, int(values["totalLayer"]) if "totalLayer" in values else None)
     pitch = None
     if {"machineX", "machineY"} <= values.keys():
         pitch = round(values["machineX"] / width, 6), round(values["machineY"] / height, 6)
@@ -49,7 +51,7 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     mirror = "x" if values.get("mirror") else ""
     found = re.search(rb"(?m)^;machineType:(.*)$", gcode[: 1 << 16])
     machine = machine_name(found[1]) if found else ""
-    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror, machine=machine)
+    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror, machine=machine, notes=notes)
 
 
 def _comments(gcode: bytes) -> dict[str, float]:

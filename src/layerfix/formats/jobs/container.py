@@ -133,7 +133,9 @@ def _source(container: Container, index: int, width: int) -> _Source:
     )
 
 
-def container_stack(container: Container, frame: Frame, repeats: NDArray[np.bool_] | None = None) -> LayerStack:
+def container_stack(
+    container: Container, frame: Frame, repeats: NDArray[np.bool_] | None = None, notes: tuple[str, ...] = ()
+) -> LayerStack:
     """The layers of a job, decoded when asked for. Raises InputError naming the file for an impossible frame."""
 
     def make(index: int) -> Layer:
@@ -144,7 +146,7 @@ def container_stack(container: Container, frame: Frame, repeats: NDArray[np.bool
     origin = (0.0, frame.height * frame.pixel_mm[1])
     try:
         return LayerStack(frame.width, frame.height, frame.pixel_mm, frame.z_mm, make, origin,
-                          repeats=repeats, container=container)  # fmt: skip
+                          repeats=repeats, container=container, notes=notes)  # fmt: skip
     except InputError as problem:
         raise InputError(f"{container.path}: {problem}") from problem
 

@@ -15,8 +15,8 @@ from layerfix.errors import InputError
 from layerfix.formats.jobs.container import Frame, hinted_pitch
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.jobs.zips import Archive
-from layerfix.formats.png.images import numeric_order
 from layerfix.formats.png.rgb_packed import rgb_packer, rgb_unpacker
+from layerfix.formats.png.series import gaps_in, numeric_order
 from layerfix.formats.text_values import keyed_numbers, number_above_0
 from layerfix.stack import layer_bounds_mm
 
@@ -62,6 +62,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     values = _values(archive)
     names = sorted((n for n in archive.entries if LAYER.fullmatch(n)), key=numeric_order)
     width, height, colour = check_layers(archive, names, (0, RGB))
+    said = int(values["layers_num"]) if "layers_num" in values else None
+    notes = gaps_in(str(archive.path), names, said)
     width *= 3 if colour == RGB else 1
     pitch = (1 / values["xppm"], 1 / values["yppm"]) if {"xppm", "yppm"} <= values.keys() else None
     pixel_mm = hinted_pitch(hints, pitch)
@@ -74,6 +76,7 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     frame = Frame(width, height, pixel_mm, layer_bounds_mm(len(names), layer_mm, hints.first_layer_mm))
     size = width, height
     if colour != RGB:
-        return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals, spool: {})
+        return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals, spool: {}, notes=notes)
     unpack, repack = rgb_unpacker(size, hints.threshold, bgr=True), rgb_packer(size, bgr=True)
-    return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals, spool: {}, unpack=unpack, repack=repack)
+    return zip_job(archive, names, frame, hints, SUFFIXES, lambda totals, spool: {}, unpack=unpack, repack=repack,
+                   notes=notes)  # fmt: skip

@@ -22,6 +22,7 @@ from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.jobs.zips import LARGEST_SETTINGS, LARGEST_TEXT, Archive
 from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.rgb_packed import rgb_packer, rgb_unpacker
+from layerfix.formats.png.series import gaps_in
 from layerfix.formats.text_values import parse_json
 from layerfix.stack import layer_bounds_mm
 
@@ -49,6 +50,7 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     plate = archive.read(PLATE)
     names = sorted((n for n in archive.entries if LAYER.fullmatch(n)), key=lambda n: int(n[:-4]))
     width, height, colour = check_layers(archive, names, (0, RGB))
+    notes = gaps_in(str(archive.path), names)
     width *= 3 if colour == RGB else 1
     pitch = _mm(slicer, "XPixelSize"), _mm(slicer, "YPixelSize")
     pixel_mm = hinted_pitch(hints, (pitch[0], pitch[1]) if pitch[0] and pitch[1] else None)
@@ -75,7 +77,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
         found = unpack(data, INFO) if unpack else decode_png(data, INFO, size, threshold=hints.threshold)
         return unpack_rows(found.rows, width)
 
-    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror, unpack=unpack, repack=repack)
+    return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=mirror, unpack=unpack, repack=repack,
+                   notes=notes)  # fmt: skip
 
 
 def _json(archive: Archive, name: str, limit: int) -> Any:

@@ -23,12 +23,14 @@ from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.png.encode import encode_grey_png, encode_png
+from layerfix.formats.png.series import IMAGES, gaps_in, listed, unlike_in
 from layerfix.formats.text_values import LARGEST_NUMBER, abridged, machine_name
 from layerfix.layers.grey_source import greys_of
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from layerfix.bits import Image
+    from layerfix.formats.jobs.zips import Archive
     from layerfix.formats.options import Hints, WriteOptions
     from layerfix.formats.probe import Probe
     from layerfix.printers import Printer
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".sl1", ".sl1s", ".m1")
 CONFIG, SLICER = "config.ini", "prusaslicer.ini"
 THUMBNAILS = ((400, 400), (800, 480))
+MASK = "mask.png"  # what the firmware lays over every layer
 SECONDS_BETWEEN_LAYERS = 6.0  # tilting, roughly; the firmware makes its own estimate
 # Panels of the three printers by image size, for jobs without prusaslicer.ini.
 PITCH_BY_SIZE = {(1440, 2560): 0.04725, (1620, 2560): 0.05}
@@ -60,6 +63,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     names = sorted(n for n in archive.entries
                    if n.startswith(job) and n.lower().endswith(".png") and "/" not in n[len(job):])  # fmt: skip
     width, height, _ = check_layers(archive, names, (0,))
+    where = str(archive.path)
+    notes = (*gaps_in(where, names, _said(config)), *unlike_in(names), *_strangers(archive, job))
     slicer = parse_ini(archive.text(SLICER)) if SLICER in archive else {}
     pixel_mm = hinted_pitch(hints, _pitch_mm(slicer, (width, height)))
     if pixel_mm is None:
@@ -72,7 +77,22 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
         return {CONFIG: with_used_material(archive.read(CONFIG), totals.added_mm3 / 1000)}
 
     return zip_job(archive, names, frame, hints, SUFFIXES, metadata, mirror=_mirror(slicer),
-                   machine=machine_name(config.get("printerModel", "").encode()))  # fmt: skip
+                   machine=machine_name(config.get("printerModel", "").encode()), notes=notes)  # fmt: skip
+
+
+def _said(config: dict[str, str]) -> int | None:
+    """How many layers config.ini speaks of: every one is exposed either slowly or fast."""
+    counts = [config.get(key, "") for key in ("numFast", "numSlow")]
+    return sum(map(int, counts)) if all(re.fullmatch("[0-9]{1,9}", count) for count in counts) else None
+
+
+def _strangers(archive: Archive, job: str) -> tuple[str, ...]:
+    """A word about images beside the layers: the firmware prints none of them."""
+    names = [n for n in archive.entries
+             if n.lower().endswith(IMAGES) and "/" not in n and not n.startswith(job) and n != MASK]  # fmt: skip
+    if not names:
+        return ()
+    return (f"no layers, since their names do not begin with {abridged(job)} (jobDir): {listed(names)}",)
 
 
 def number(path: Path, config: dict[str, str], key: str, file: str = CONFIG) -> float:

@@ -69,6 +69,7 @@ def zip_job(
     unpack: Callable[[bytes, str], Decoded] | None = None,
     repack: Callable[[Rows, NDArray[np.uint8] | Greys | None], bytes] | None = None,
     machine: str = "",
+    notes: tuple[str, ...] = (),
 ) -> LayerStack:
     """The stack of a zip of PNG images.
 
@@ -77,6 +78,7 @@ def zip_job(
     mirror    axes along which the images are mirrored against the part seen from above
     unpack, repack  for layers that are not plain grey images
     machine   that the job says it is for
+    notes     what a user should know of its layers
     """
     size = frame.width, frame.height
     limit = 5 * frame.width * frame.height // 2 + (1 << 20)  # 16 bits that do not shrink, and what else there is
@@ -100,7 +102,7 @@ def zip_job(
         hints.threshold, hints.grey_floor, mirror, machine=machine,
     )  # fmt: skip
     same = repeats_of(archive.same(a, b) for a, b in pairwise(names))
-    return container_stack(container, frame, same)
+    return container_stack(container, frame, same, notes)
 
 
 class _Replaced(dict[str, bytes]):

@@ -1,18 +1,17 @@
 """Layers as numbered PNG files in a folder or a zip: the least common denominator of mask printers.
 
-Files are ordered by the numbers in their names (``9.png`` before ``10.png``). What layerfix writes also
-says what no plain PNG stack says: the pitch (pHYs chunk, and exactly in a tEXt chunk), the origin, and
-each layer's z. Other programs skip those chunks.
+Files are ordered by the numbers in their names (`layerfix.formats.png.series`). What layerfix writes also says what
+no plain PNG stack says: the pitch (pHYs chunk, and exactly in a tEXt chunk), the origin, and each layer's z. Other
+programs skip those chunks.
 """
 
 from __future__ import annotations
 
 import json
-import re
 import struct
 import zipfile
 from collections.abc import Callable
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,9 +22,11 @@ from layerfix.formats.encoding import encoded
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
 from layerfix.formats.png.decode import decode_png
 from layerfix.formats.png.encode import SIGNATURE, encode_grey_png, encode_png
+from layerfix.formats.png.series import series_of
 from layerfix.formats.text_values import LARGEST_NUMBER, abridged, parse_json
 from layerfix.layers.grey_source import GreySource, greys_of, seen_from_above
 from layerfix.stack import Layer, LayerStack, layer_bounds_mm
+from layerfix.units import counted
 
 if TYPE_CHECKING:
     from layerfix.formats.options import Hints, PngOptions
@@ -37,12 +38,13 @@ HEAD_BYTES = 1024  # IHDR, pHYs and our tEXt come first and are shorter than thi
 
 
 class Source(NamedTuple):
-    """Where layers come from: names in order, and the bytes of one (refused over a limit), or the first of them."""
+    """Where layers come from: names in order, the bytes of one (refused over a limit) or the first of them, notes."""
 
     where: str
     names: list[str]
     load: Callable[[str, int], bytes]
     head: Callable[[str], bytes]
+    told: tuple[str, ...] = ()
 
 
 class Head(NamedTuple):
@@ -54,26 +56,14 @@ class Head(NamedTuple):
     most_bytes: int  # of a file with such an image
     pixel_mm: tuple[float, float] | None
     notes: dict[str, Any]
-
-
-def numeric_order(name: str) -> tuple[Any, ...]:
-    """Sort key that compares runs of digits as numbers: ``layer9`` before ``layer10``."""
-    parts = re.split(r"([0-9]+)", name)
-    # Of two numbers the longer is the larger; int() takes no more than 4,300 digits.
-    bare = [part.lstrip("0") if k % 2 else part.lower() for k, part in enumerate(parts)]
-    return tuple((0, len(part), part) if k % 2 else (1, 0, part) for k, part in enumerate(bare))
-
-
-def _is_layer(name: str) -> bool:
-    """A PNG file that is no shadow of one (the Finder writes ``._1.png`` and ``__MACOSX/._1.png``)."""
-    return name.lower().endswith(".png") and not PurePosixPath(name).name.startswith("._")
+    frames: int  # more than one in an animation
 
 
 def read_folder(probe: Probe, hints: Hints) -> LayerStack:
     """Every ``.png`` directly in the folder, as a stack that decodes when asked."""
     path = probe.path
     with reading(path):
-        names = sorted((p.name for p in path.iterdir() if _is_layer(p.name) and not p.is_dir()), key=numeric_order)
+        names, told = series_of(str(path), (p.name for p in path.iterdir() if not p.is_dir()))
     for name in names:  # a pipe, or a link to a layer that is gone
         check_input(path / name)
 
@@ -87,22 +77,15 @@ def read_folder(probe: Probe, hints: Hints) -> LayerStack:
             raise InputError(f"{path / name}: has over {limit} bytes, more than an image of its size needs")
         return data
 
-    return _stack(Source(str(path), names, load, lambda name: read(name, HEAD_BYTES)), hints)
+    return _stack(Source(str(path), names, load, lambda name: read(name, HEAD_BYTES), told), hints)
 
 
 def read_zip(probe: Probe, hints: Hints) -> LayerStack:
     """Every ``.png`` entry of the zip, as a stack that decodes when asked."""
     archive = probe.archive
-    names = sorted((n for n in archive.entries if _is_layer(n)), key=numeric_order)
-    return _stack(
-        Source(
-            str(archive.path),
-            names,
-            archive.read,
-            lambda name: archive.head(name, HEAD_BYTES),
-        ),
-        hints,
-    )
+    where = str(archive.path)
+    names, told = series_of(where, archive.entries)
+    return _stack(Source(where, names, archive.read, lambda name: archive.head(name, HEAD_BYTES), told), hints)
 
 
 def read_image(probe: Probe, hints: Hints) -> LayerStack:
@@ -136,6 +119,7 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
         )
     x, y = first.notes.get("origin_mm", (0.0, first.height * pixel_mm[1]))
 
+    notes = (*source.told, *_colour_note(heads), *_frames_note(source.names, heads))
     size, how = (first.width, first.height), (first.width, hints.threshold, hints.grey_floor, "")
 
     def make(index: int) -> Layer:
@@ -147,7 +131,7 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
         return Layer(kept.seen, first.width, (bottom, top), source=kept, dimmed_px=kept.dimmed_px)
 
     try:
-        return LayerStack(first.width, first.height, pixel_mm, z_mm, make, (x, y), notes=_colour_note(heads))
+        return LayerStack(first.width, first.height, pixel_mm, z_mm, make, (x, y), notes=notes)
     except InputError as problem:
         raise InputError(f"{source.where}: {problem}") from problem
 
@@ -156,6 +140,16 @@ def _colour_note(heads: list[Head]) -> tuple[str, ...]:
     """A word about images that are not grey: their brightness is read, and written as grey."""
     coloured = sum(head.colour != 0 for head in heads)
     return (f"{coloured} of {len(heads)} images are in colour; they are read as grey",) if coloured else ()
+
+
+def _frames_note(names: list[str], heads: list[Head]) -> tuple[str, ...]:
+    """A word about animations: a layer is their first image, the one that every program shows."""
+    moving = [(name, head.frames) for name, head in zip(names, heads, strict=True) if head.frames > 1]
+    if not moving:
+        return ()
+    name, frames = moving[0]
+    others = f" and {counted(len(moving) - 1, 'other')}" if len(moving) > 1 else ""
+    return (f"{abridged(name)}{others} is an animation of {frames} images; only the first is read",)
 
 
 def _z_mm(heads: list[Head], hints: Hints) -> np.ndarray[Any, np.dtype[np.float64]] | None:
@@ -178,6 +172,7 @@ def _head(where: str, data: bytes) -> Head:
         raise InputError(f"{where}: says {width} × {height} px; at most {MAX_PANEL_PX} are read")
     pixel_mm: tuple[float, float] | None = None
     notes: dict[str, Any] = {}
+    frames = 1
     at = 33
     while at + 8 <= len(data):
         size, kind = struct.unpack(">I4s", data[at : at + 8])
@@ -188,13 +183,15 @@ def _head(where: str, data: bytes) -> Head:
             x, y, unit = struct.unpack(">IIB", body)
             if unit == 1 and x and y:
                 pixel_mm = 1000 / x, 1000 / y
+        if kind == b"acTL" and len(body) == 8:
+            frames = int.from_bytes(body[:4], "big")
         if kind == b"tEXt" and body.startswith(TEXT_KEY.encode() + b"\0"):
             notes = _notes(where, body.partition(b"\0")[2])
         at += 12 + size
     if "pixel_mm" in notes:
         pixel_mm = notes["pixel_mm"]
     row_bytes = 1 + (width * depth * CHANNELS.get(colour, 4) + 7) // 8
-    return Head(width, height, colour, height * row_bytes * 5 // 4 + (1 << 20), pixel_mm, notes)
+    return Head(width, height, colour, height * row_bytes * 5 // 4 + (1 << 20), pixel_mm, notes, frames)
 
 
 def _notes(where: str, text: bytes) -> dict[str, Any]:
