@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from layerfix.commands.machines import hint_of, job_printers, told_of_machine
+from layerfix.commands.mesh_file import mesh_in
 from layerfix.commands.notes import doubts
 from layerfix.commands.options import Options, flag, min_feature_of, refuse_given
 from layerfix.commands.pages import check_page
@@ -25,12 +26,11 @@ from layerfix.formats import (
     holds_greys,
     options_for_layers,
     read,
-    read_mesh,
     write,
 )
 from layerfix.layers.correction import correct
 from layerfix.mesh.empty import empty_ends
-from layerfix.mesh.slicing import slice_like, sliced_mesh
+from layerfix.mesh.slicing import slice_like
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
@@ -141,11 +141,10 @@ def _surface(target: Path, stack: LayerStack, options: Options) -> Kind | None:
         return "voxels"
     to_the_pixel = how.keep_gaps_mm is not None or how.keep_out is not None or (how.min_layers or 1) > 1
     if given is None:
-        from layerfix.surface.kinds import is_closed
+        from layerfix.surface.kinds import keeps_a_mesh
 
-        mesh = sliced_mesh(stack)
         taken = how.mode == "as_printed" or to_the_pixel or options.run.layers is not None
-        return "layers" if mesh is None or taken or not is_closed(mesh) else "smooth"
+        return "smooth" if not taken and keeps_a_mesh(stack) else "layers"
     if given == "smooth" and to_the_pixel:
         raise InputError("--surface smooth: what is kept free or raised is so to the pixel; take --surface voxels")
     if given == "smooth" and options.run.layers is not None:
@@ -213,7 +212,7 @@ def _keep_out(stack: LayerStack, placed: Placing | None, options: Options) -> La
             raise InputError(f"--keep-out {path}: layers cannot be turned as --orient turns the part; give a mesh")
         return read(path, printer=options.printer, pixel_mm=stack.pixel_mm, layer_mm=options.frame.layer_mm,
                     first_layer_mm=options.frame.first_layer_mm)  # fmt: skip
-    mesh = read_mesh(path, unit=options.slicing.unit, scale=options.slicing.scale or 1.0)
+    mesh = mesh_in(path, options.slicing, any_size=True)
     if placed is not None:
         mesh = mesh.transformed(placed.matrix[:3, :3]).moved(placed.matrix[:3, 3])
     return slice_like(mesh, stack)

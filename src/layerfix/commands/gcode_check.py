@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from layerfix.bits import words_for
+from layerfix.commands.mesh_file import mesh_in
 from layerfix.errors import InputError
 from layerfix.fdm.covering import finely, lay
 from layerfix.files import check_input
-from layerfix.formats import find_format, read_mesh
+from layerfix.formats import find_format
 from layerfix.formats.vector.gcode_reader import read_gcode
 from layerfix.layers.verdict import Place
 from layerfix.mesh.slicing import slice_like
@@ -89,8 +90,7 @@ def check_gcode(
     check_input(source)
     if find_format(source)[0].mesh is None:
         raise InputError(f"{source}: --gcode compares G-code with a mesh or a project (.3mf)")
-    slicing = options.slicing
-    mesh = read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0)
+    mesh = mesh_in(source, options.slicing)
     mesh = mesh.moved((0.0, 0.0, -float(mesh.bounds_mm[0][2])))
     layers = _layers(read_gcode(gcode), float(mesh.bounds_mm[1][2]))
     if not any(beads for _, beads in layers):

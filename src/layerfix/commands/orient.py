@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from layerfix.commands.mesh_file import mesh_in
 from layerfix.commands.options import Options
 from layerfix.commands.pages import report_on
 from layerfix.commands.part import Placing
@@ -21,7 +22,7 @@ from layerfix.draw.canvas import SUFFIXES as DRAWINGS
 from layerfix.draw.sphere import scatter, sphere_map
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
-from layerfix.formats import find_format, read_mesh, write
+from layerfix.formats import find_format, write
 from layerfix.layers.correction import before
 from layerfix.orientation.aims import UNITS
 from layerfix.orientation.find import Options as SearchOptions
@@ -107,7 +108,7 @@ def orient(
 def _mesh(source: Path, options: Options) -> Mesh:
     if find_format(source)[0].mesh is None:
         raise InputError(f"{source}: holds layers, which are sliced already; a build direction is that of a mesh")
-    return read_mesh(source, unit=options.slicing.unit, scale=options.slicing.scale or 1.0)
+    return mesh_in(source, options.slicing)
 
 
 def room_of(options: Options, fit: bool) -> tuple[float, float, float] | None:

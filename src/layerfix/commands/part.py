@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from layerfix.commands.machines import hint_of, project_printers, told_of_service
+from layerfix.commands.mesh_file import mesh_in
 from layerfix.commands.options import Options, raster_of, refuse_given
 from layerfix.errors import InputError
-from layerfix.formats import read_mesh
 from layerfix.mesh.empty import told_of_ends
 from layerfix.mesh.slicing import slice_mesh
 from layerfix.units import format_mm
@@ -66,7 +66,7 @@ def open_part(
     slicing = options.slicing
     stands = mesh is not None
     placed: Placing | None = None
-    mesh = mesh or read_mesh(source, unit=slicing.unit, scale=slicing.scale or 1.0)
+    mesh = mesh or mesh_in(source, slicing)
     if slicing.orient is not None:
         from layerfix.commands.standing import standing
 

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from layerfix.commands.fix import as_asked, opened, usual_mode
+from layerfix.commands.mesh_file import mesh_in
 from layerfix.commands.options import min_feature_of
 from layerfix.commands.pages import check_page, report_on
 from layerfix.files import check_apart, check_input
-from layerfix.formats import find_format, read, read_mesh
+from layerfix.formats import find_format, read
 from layerfix.layers.verdict import judge
 from layerfix.layers.widths import suggest_widths
 from layerfix.mesh.slicing import slice_like
@@ -95,7 +96,7 @@ def _other(path: Path, stack: LayerStack, options: Options) -> LayerStack:
     """The layers of a file on the frame of a stack."""
     found, _ = find_format(path)
     if found.mesh is not None:
-        mesh = read_mesh(path, unit=options.slicing.unit, scale=options.slicing.scale or 1.0)
+        mesh = mesh_in(path, options.slicing)
         return slice_like(mesh, stack, hairlines=True, z_sampling="rescue").with_workers(options.run.workers)
     given = {name: value for name, value in asdict(options.greys).items() if value is not None}
     layer_mm, first_mm = (float(high - low) for low, high in (stack.z_mm[-1], stack.z_mm[0]))

@@ -48,13 +48,14 @@ KINDS = (
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".glb", ".gltf")
 
 
-def load_mesh(path: str | Path, *, unit: str | None = None, scale: float = 1.0) -> Mesh:
+def load_mesh(path: str | Path, *, unit: str | None = None, scale: float = 1.0, any_size: bool = False) -> Mesh:
     """Read STL (ASCII, binary), OBJ, PLY, OFF, 3MF (all build items) or glTF as one Mesh in mm.
 
     unit   what one unit of the file is ("mm", "in", "m", …). Without it: what a 3MF says, metres for glTF (its
            specification says so, and that y is up), mm for the others; but for 3MF a longest side outside
            2 mm … 2.5 m is an error
     scale  the part is made so many times as large (see `units.parse_scale` for "1:87" and "50%")
+    any_size  it is not a part of its own (a bore to be kept free, say), and may be smaller or larger
     What was left out is in the mesh's notes.
     Raises InputError naming the file for a missing, unreadable, empty or implausible one.
     """
@@ -78,7 +79,7 @@ def load_mesh(path: str | Path, *, unit: str | None = None, scale: float = 1.0) 
         raise unreadable(path, kind.name, reason[:160]) from problem
     if mm * scale != 1:
         mesh = mesh.scaled(mm * scale)
-    if not unit and not (kind.name == "3MF" and said):  # which says its unit, and means it
+    if not unit and not any_size and not (kind.name == "3MF" and said):  # which says its unit, and means it
         _check_plausible(mesh, path, read_in, scale)
     return mesh
 

@@ -138,6 +138,13 @@ def sliced_mesh(stack: LayerStack) -> Mesh | None:
     return mesh
 
 
+def filled_as(stack: LayerStack) -> Fill:
+    """The rule that a sliced stack was filled by; the usual one if it was not sliced."""
+    sliced = _slicing_of(stack)
+    rule = NONZERO if sliced is None else sliced.how[2]
+    return next(fill for fill, number in FILLS.items() if number == rule)
+
+
 def _slicing_of(stack: LayerStack) -> _Sliced | None:
     make: Any = stack.make
     while not isinstance(make, _Sliced) and hasattr(make, "make"):

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 import numpy as np
 
 from layerfix.errors import InputError
-from layerfix.mesh.slicing import plate_mm, sliced_mesh
+from layerfix.mesh.outward import turned_outwards
+from layerfix.mesh.slicing import filled_as, plate_mm, sliced_mesh
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import layer_maker
 
@@ -126,15 +127,20 @@ def usual_kind(stack: LayerStack) -> Kind:
     """What a mesh is written as if nobody says: smooth where there is a mesh to keep."""
     from layerfix.layers.correction import why_not_elsewhere
 
+    return "smooth" if keeps_a_mesh(stack) and not why_not_elsewhere(stack) else "layers"
+
+
+def keeps_a_mesh(stack: LayerStack) -> bool:
+    """Whether layers were cut from a mesh that smooth bodies can be united with."""
     mesh = sliced_mesh(stack)
-    return "layers" if mesh is None or why_not_elsewhere(stack) or not is_closed(mesh) else "smooth"
+    return mesh is not None and filled_as(stack) == "nonzero" and is_closed(turned_outwards(mesh))
 
 
 def is_closed(mesh: Mesh) -> bool:
-    """Whether all of a mesh is one closed 2-manifold, nothing cut out of it: then bodies can be united with it."""
-    from layerfix.surface.solids import solid_of, welded
+    """Whether all of a mesh is closed 2-manifolds, nothing cut out of it: then bodies can be united with it."""
+    from layerfix.surface.solids import whole_solid
 
-    return not mesh.is_clipped and all(solid_of(*welded(one)) is not None for one in mesh.body_meshes())
+    return not mesh.is_clipped and all(whole_solid(one) is not None for one in mesh.body_meshes())
 
 
 def _layers(stack: LayerStack, tolerance_mm: float | None, telling: Telling) -> Mesh:
@@ -182,10 +188,12 @@ def _voxels(stack: LayerStack, like: Mesh | None, smooth: bool, tolerance_mm: fl
 def _smooth(stack: LayerStack, like: Mesh | None, tolerance_mm: float | None, telling: Telling) -> Made:
     if like is None:
         raise InputError("a smooth surface keeps the facets of a mesh, and these layers are of none; use the voxels")
+    outwards = turned_outwards(like)
+    notes = outwards.notes[len(like.notes) :]
+    like = outwards
     found = smoothly(stack, like, tolerance_mm, telling)
-    notes: tuple[str, ...] = ()
     if not found.closed and found.bodies:
-        notes = (
+        notes += (
             f"{like.name} is no closed surface: {found.bodies} bodies were put beside its facets as shells of their"
             " own, which slicers unite; --surface voxels makes one closed surface of all",
         )

@@ -16,7 +16,7 @@ from layerfix.errors import InputError
 from layerfix.layers.correction import before, corrected_like, why_not_elsewhere
 from layerfix.layers.morphology import dilate
 from layerfix.mesh.bodies import NO_COLOUR
-from layerfix.mesh.slicing import plate_mm, slice_like
+from layerfix.mesh.slicing import filled_as, plate_mm, slice_like
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import layer_maker
 from layerfix.surface.bodies import body_of, drawn_places, tiles
@@ -89,11 +89,16 @@ def smooth_bodies(
     tolerance_mm  how far the surface of bodies may move for fewer triangles; None: a quarter of their pixels
     sheets   layers with something thinner than a layer (`Layer.sheet_px`): it becomes a layer high, as in `fixed`
     advance  told of (layers, in all) of the fine slicing
-    raises  InputError for layers that `correct` did not make or that depend on the pixels (`corrected_like`), for a
-            part that is too large for its minimum feature, and a mesh with parts that are cut out of it
+    raises  InputError for layers that `correct` did not make or that depend on the pixels (`corrected_like`), that
+            were not filled by "nonzero", for a part that is too large for its minimum feature, and a mesh with parts
+            that are cut out of it
     """
     if mesh.is_clipped:
         raise InputError(f"{mesh.name}: has parts that are cut out, layer by layer; use the surface of its voxels")
+    fill = filled_as(fixed)
+    if fill != "nonzero":
+        raise InputError(f"{mesh.name}: a smooth surface unites shells, as --fill nonzero does, and these layers were"
+                         f" filled by {fill}; use the surface of the voxels")  # fmt: skip
     fine = fine_layers(fixed, mesh)
     drawn = corrected_like(slice_like(mesh, fine, hairlines=True, z_sampling="rescue"), fixed)
     radii: dict[int, float] = {}

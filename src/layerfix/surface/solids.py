@@ -11,6 +11,7 @@ import manifold3d
 import numpy as np
 
 from layerfix.mesh.bodies import NO_COLOUR
+from layerfix.mesh.outward import faces_outwards
 from layerfix.mesh.triangles import Mesh
 
 if TYPE_CHECKING:
@@ -42,13 +43,15 @@ def solid_of(
 
 
 def whole_solid(mesh: Mesh, ident: int | None = None) -> manifold3d.Manifold | None:
-    """The mesh as one solid whose shells do not cross each other; None if it is no closed 2-manifold.
+    """The mesh as one solid whose shells do not cross each other; None if it is no closed 2-manifold, or inside out.
 
     Shells that overlap are united: slic3r 1.3 drops layers of others, and a union says what is inside.
     """
     vertices, faces, kept = _welded(mesh)
     solid = solid_of(vertices, faces, ident, None if mesh.bodies is None else mesh.bodies.colours[kept])
     if solid is None:
+        return None
+    if not faces_outwards(vertices, faces):
         return None
     shells = solid.decompose()
     if len(shells) == 1 or any(shell.volume() <= 0 for shell in shells):
