@@ -16,7 +16,7 @@ from layerfix import LayerStack, correct, load_mesh
 from layerfix.commands.check import Verdict
 from layerfix.layers.verdict import LayerVerdict, Place, judge, narrowest_place
 from tests import slow_metric
-from tests.making import box, joined, run_layerfix, save_stl, write_stl
+from tests.making import box, chosen_faces, joined, run_layerfix, save_stl, turned, write_stl
 from tests.pictures_as_text import block, framed, images, round_dot
 
 ALL_AROUND = np.ones((3, 3))
@@ -260,3 +260,69 @@ def test_fix_sees_along_other_axes_too(tmp_path):
     ):
         refused = run_layerfix("fix", plate, tmp_path / "no.stl", *frame, *more)
         assert (refused.code, said in refused.err) == (2, True), refused.err
+
+
+HOW = ("--pixel", "0.1mm", "--layer", "0.2mm", "--min-feature", "0.8mm")
+
+
+def test_a_part_that_is_one_pin_is_lost_and_no_error(tmp_path):
+    """All of it would be gone: the verdict, and 1; `fix` makes no dot of it."""
+    source = write_stl(tmp_path / "pin.stl", box((0, 0, 0), (0.2, 0.2, 10)))
+    done = run_layerfix("check", source, *HOW)
+    assert done.code == 1, done.err
+    assert "50 features narrower than 0.8 mm would be lost, in 50 layers; after correction 0" in done.out
+    done = run_layerfix("fix", source, tmp_path / "x.zip", *HOW)
+    assert done.code == 2
+    assert "all of it would be one dot" in done.err
+
+
+def test_open_meshes_and_sheets_are_told(tmp_path):
+    """In words as in JSON: gaps that were closed, and what no mid-plane meets."""
+    block = box((0, 0, 0), (20, 20, 5))
+    source = write_stl(tmp_path / "open.stl", chosen_faces(block, np.arange(12) != 3))
+    done = run_layerfix("check", source, *HOW)
+    assert "open mesh gaps closed in 25 layers, the longest" in done.out
+    said = json.loads(run_layerfix("check", source, *HOW, "--json").out)
+    assert said["layers_with_gaps"] == 25
+    assert 1 < said["longest_gap_mm"] <= 20
+    assert said["by_layer"][0]["gaps"]["count"] >= 1
+    assert said["by_layer"][0]["solid_mm2"] == pytest.approx(400)
+    sheet = joined(box((0, 0, 0), (5, 5, 2)), box((5, 0, 0.72), (25, 20, 0.86)))  # between planes at 0.7 and 0.9
+    done = run_layerfix("check", write_stl(tmp_path / "sheet.stl", sheet), *HOW)
+    assert "sheets    thinner than a layer of 0.2 mm in 1 layer, the first at z = " in done.out
+    wedge = turned(box((0, 0, 0), (10, 10, 10)), "y", 20)  # feather edges at its corners are no sheets
+    done = run_layerfix("check", write_stl(tmp_path / "wedge.stl", wedge), *HOW)
+    assert "sheets" not in done.out
+
+
+def test_heights_that_the_printer_does_not_make_are_told(tmp_path):
+    """And a layer that is higher than the part, which becomes as high as it."""
+    source = write_stl(tmp_path / "block.stl", box((0, 0, 0), (20, 20, 5)))
+    for more, note in (
+        (("--layer", "0.6mm"), "layers of 0.6 mm: Original Prusa SL1S SPEED makes 25 µm to 0.1 mm"),
+        (("--first-layer", "9mm"), "the part is 5 mm high, and its only layer 9 mm"),
+        ((), None),
+    ):
+        said = json.loads(run_layerfix("check", source, "--printer", "prusa-sl1s", *more, "--json").out)
+        assert note in said["notes"] if note else not said["notes"]
+
+
+def test_a_resin_job_is_not_for_a_nozzle(tmp_path):
+    """The pixels are the job's, and the minimum feature of a nozzle is not theirs: that is said."""
+    source = write_stl(tmp_path / "block.stl", box((0, 0, 0), (20, 20, 1)))
+    job = tmp_path / "job.sl1s"
+    assert run_layerfix("fix", source, job, "--printer", "prusa-sl1s").code == 0
+    assert "resin printer" not in run_layerfix("check", job, "--printer", "prusa-sl1s").out
+    out = run_layerfix("check", job, "--printer", "prusa-mk3s-0.4").out
+    assert "this is a job of a resin printer; Original Prusa i3 MK3S+ is none (fdm)" in " ".join(out.split())
+
+
+def test_what_is_kept_free_lies_in_the_part(tmp_path):
+    """A small cube is fine; one beside the part would keep nothing free, without a word."""
+    source = write_stl(tmp_path / "part.stl", joined(box((0, 0, 0), (20, 20, 5)), box((9.9, 0, 5), (10.1, 20, 12))))
+    near = write_stl(tmp_path / "near.stl", box((10.2, 5, 6), (11.2, 6, 7)))
+    far = write_stl(tmp_path / "far.stl", box((95, 95, 1), (100, 100, 6)))
+    assert run_layerfix("fix", source, tmp_path / "a.zip", *HOW, "--keep-out", near).code == 0
+    done = run_layerfix("fix", source, tmp_path / "b.zip", *HOW, "--keep-out", far)
+    assert done.code == 2
+    assert "far.stl: lies at x = 95 to 100 mm, and the part's layers at -0.8 to 20.8 mm" in done.err

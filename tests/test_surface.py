@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -22,11 +23,12 @@ from layerfix.errors import InputError, OutputError
 from layerfix.mesh.slicing import slice_like
 from layerfix.mesh.triangles import Mesh
 from layerfix.samples import SAMPLES
+from layerfix.stack import layer_maker
 from layerfix.surface import kinds
 from layerfix.surface.cubes import cell_table
 from layerfix.surface.smooth import smooth_surface
 from layerfix.surface.voxels import smoothed, snapped, voxel_surface
-from tests.making import box, joined, run_layerfix, thin_part, write_stl
+from tests.making import box, chosen_faces, cone, joined, run_layerfix, sphere, thin_part, torus, turned, write_stl
 
 F_MM, PIXEL_MM, LAYER_MM = 0.75, 0.05, 0.2  # fifteen pixels: F's middle is a pixel's
 
@@ -234,7 +236,7 @@ def test_an_open_mesh_gets_its_bodies_as_shells(corrected, tmp_path):
     assert kinds.usual_kind(fixed) == "layers"
     lf.write(tmp_path / "torn.stl", fixed, tell=told.append, surface="smooth")
     assert told == [
-        "torn is no closed surface: 1 bodies were put beside its facets as shells of their own, which slicers unite;"
+        "torn is no closed surface: 1 body was put beside its facets as shells of their own, which slicers unite;"
         " --surface voxels makes one closed surface of all"
     ]
     back = lf.load_mesh(tmp_path / "torn.stl")
@@ -366,3 +368,59 @@ def test_a_mesh_goes_to_every_format(tmp_path):
         back = lf.load_mesh(target)
         assert back.bounds_mm == pytest.approx(mesh.bounds_mm)
         assert back.volume_mm3 == pytest.approx(mesh.volume_mm3)
+
+
+def cone_on_its_tip() -> Mesh:
+    return turned(cone(3, 4, sides=90), "x", 180)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: sphere(3, 60, 30),
+        cone_on_its_tip,
+        lambda: torus(5, 0.15, 120, 24),
+        slab_with_fin,
+        lambda: cone(3, 4, 90),
+    ],
+    ids=["ball", "cone on its tip", "wire ring", "slab", "cone"],
+)
+def test_a_slicer_finds_the_same_layers_in_the_voxels(make, smooth):
+    """It begins at the lowest point of the file, and knows of no other plate: number, heights and every pixel."""
+    stack = lf.slice_mesh(make(), pixel_mm=0.1, layer_mm=0.2, margin_mm=F_MM)
+    fixed = lf.correct(stack, min_feature_mm=F_MM, mode="add_only")
+    found = lf.surface_mesh(fixed, smooth=smooth)
+    back = Mesh(np.asarray(found.vertices), np.asarray(found.faces))
+    anew = lf.slice_mesh(back, pixel_mm=0.1, layer_mm=0.2, margin_mm=F_MM)
+    assert np.allclose(anew.z_mm, fixed.z_mm)
+    on_plate = back.moved((0.0, 0.0, -float(back.bounds_mm[0, 2])))
+    bare = replace(fixed, make=layer_maker([layer.rows for layer in fixed].__getitem__, fixed.width, fixed.z_mm))
+    assert np.array_equal(np.asarray(slice_like(on_plate, bare)), np.asarray(fixed))
+
+
+@pytest.mark.parametrize("axes", [None, "xyz"])
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".3mf"])
+def test_files_hold_no_triangle_without_area(tmp_path, suffix, axes):
+    """As 32-bit floats, which readers take: the same vertex twice is no edge, and closed without it."""
+    source = write_stl(tmp_path / "part.stl", joined(box((0, 0, 0), (20, 20, 5)), box((9.9, 0, 5), (10.1, 20, 12))))
+    how = ["--pixel", "0.1mm", "--layer", "0.2mm", "--min-feature", "0.8mm"] + (["--axes", axes] if axes else [])
+    done = run_layerfix("fix", source, tmp_path / f"fixed{suffix}", *how)
+    assert done.code == 0, done.err
+    mesh = lf.load_mesh(tmp_path / f"fixed{suffix}")
+    corners = mesh.vertices.astype(np.float32)[mesh.faces]
+    for k in range(3):
+        assert not (corners[:, k] == corners[:, k - 1]).all(axis=1).any()
+    assert_closed(mesh.faces)
+
+
+def test_an_open_mesh_stays_open_and_that_is_said(tmp_path):
+    """Also if nothing was thin, so that nothing was added."""
+    block = box((0, 0, 0), (20, 20, 5))
+    source = write_stl(tmp_path / "open.stl", chosen_faces(block, np.arange(12) != 3))
+    how = ["--pixel", "0.1mm", "--layer", "0.2mm", "--min-feature", "0.8mm", "--surface", "smooth", "--json"]
+    done = run_layerfix("fix", source, tmp_path / "fixed.stl", *how)
+    notes = json.loads(done.out)["notes"]
+    assert any("no closed surface: it stays open; --surface voxels makes one closed surface" in n for n in notes), (
+        notes
+    )

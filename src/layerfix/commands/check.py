@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from layerfix.layers.verdict import LayerVerdict, Place
 
 SCHEMA_VERSION = 1
+FEATHERS = 1000  # a sheet is more than so small a part of its layer: slopes have feather edges here and there
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,8 @@ class Verdict:
     hairline_layers: int
     sheet_layers: int
     sheets_lost: int
+    layers_with_gaps: int
+    longest_gap_mm: float
     notes: tuple[str, ...]
     by_layer: tuple[LayerVerdict, ...]
     across: tuple[AxisVerdict, ...] = ()
@@ -138,6 +141,8 @@ def check(
         hairline_layers=sum(one.hairline_px > 0 for one in layers),
         sheet_layers=sum(one.sheet_px > 0 for one in layers),
         sheets_lost=sum(one.sheets_lost for one in layers),
+        layers_with_gaps=sum(one.gaps is not None for one in layers),
+        longest_gap_mm=max((one.gaps.longest_mm for one in layers if one.gaps is not None), default=0.0),
         notes=tuple(stack.notes),
         by_layer=tuple(layers),
         across=tuple(others),
@@ -148,6 +153,9 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
     """The few lines a user wants to see."""
     feature = format_mm(v.min_feature_mm)
     rows = [("layers", f"{v.layers} of {v.size_px[0]} × {v.size_px[1]} px")]
+    if v.layers_with_gaps:
+        closed = f"gaps closed in {counted(v.layers_with_gaps, 'layer')}, the longest {format_mm(v.longest_gap_mm)}"
+        rows.append(("open mesh", closed))
     if not v.features_lost and not v.parts_lost and not v.sheets_lost:
         rows.append(("verdict", f"nothing is narrower than {feature}: nothing would be lost"))
     else:
@@ -170,6 +178,7 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
     rows += [("lost at", _where(place)) for place in v.lost[:3]]
     if v.hairline_layers:
         rows.append(("hairlines", f"thinner than a pixel in {counted(v.hairline_layers, 'layer')}"))
+    rows += _of_sheets(v)
     if v.sheets_lost:
         rows.append(("sheets", f"{counted(v.sheets_lost, 'part')} thinner than a quarter of a layer, in no layer"))
     if v.merged or v.closed:
@@ -184,6 +193,19 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
         )
     rows += [line_of(one, v.min_feature_mm) for one in v.across]
     return rows + [("note", note) for note in v.notes]
+
+
+def _of_sheets(v: Verdict) -> list[tuple[str, str]]:
+    """A word about what no mid-plane meets: slicers leave it out. Feather edges of slopes are none."""
+    area_mm2 = v.pixel_mm[0] * v.pixel_mm[1]
+    thin = [one for one in v.by_layer if one.sheet_px * area_mm2 * FEATHERS > one.solid_mm2]
+    if not thin:
+        return []
+    bottom, top = thin[0].z_mm
+    return [
+        ("sheets", f"thinner than a layer of {format_mm(top - bottom)} in {counted(len(thin), 'layer')}, the first at"
+                   f" z = {bottom:.3f} mm; fix draws them one layer thick")
+    ]  # fmt: skip
 
 
 def markdown_of(v: Verdict) -> str:

@@ -14,7 +14,7 @@ from layerfix.commands.mesh_file import mesh_in
 from layerfix.commands.notes import doubts
 from layerfix.commands.options import Options, flag, min_feature_of, refuse_given
 from layerfix.commands.pages import check_page
-from layerfix.commands.part import Placing, open_part
+from layerfix.commands.part import Placing, check_more_than_a_dot, open_part
 from layerfix.commands.summary import Summary, add_up
 from layerfix.errors import InputError, OutputError
 from layerfix.files import already_written, check_apart, check_input, check_target, whole_file
@@ -30,11 +30,12 @@ from layerfix.formats import (
 )
 from layerfix.layers.correction import correct
 from layerfix.mesh.empty import empty_ends
-from layerfix.mesh.slicing import slice_like
+from layerfix.mesh.slicing import plate_mm, slice_like, sliced_mesh
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
     from layerfix.layers.correction import Mode
+    from layerfix.mesh.triangles import Mesh
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
     from layerfix.surface.kinds import Kind
@@ -59,6 +60,9 @@ def fix(
     stack, placed = opened(source, _antialiased(source, target, options), progress)
     check_options(target, options.output, find_writer(target, stack).takes, flag)
     min_feature_mm = min_feature_of(options, lambda: hint_of(source, job_printers(stack)))
+    mesh = sliced_mesh(stack)
+    if mesh is not None:
+        check_more_than_a_dot(mesh, min_feature_mm)
     surface = _surface(target, stack, options)
     mode = _mode(target, stack, surface, options)
     if options.run.layers is not None:
@@ -215,7 +219,22 @@ def _keep_out(stack: LayerStack, placed: Placing | None, options: Options) -> La
     mesh = mesh_in(path, options.slicing, any_size=True)
     if placed is not None:
         mesh = mesh.transformed(placed.matrix[:3, :3]).moved(placed.matrix[:3, 3])
+    _check_near(path, mesh, stack)
     return slice_like(mesh, stack)
+
+
+def _check_near(path: Path, mesh: Mesh, stack: LayerStack) -> None:
+    """Raises InputError for a mesh that lies outside of all layers: nothing would be kept free, without a word."""
+    left, top = stack.origin_mm
+    right, bottom = left + stack.width * stack.pixel_mm[0], top - stack.height * stack.pixel_mm[1]
+    low, high = stack.z_mm[0, 0] + plate_mm(stack), stack.z_mm[-1, 1] + plate_mm(stack)
+    ends = list(zip("xyz", *mesh.bounds_mm.tolist(), (left, bottom, low), (right, top, high), strict=True))
+    for axis, first, last, begin, end in ends:
+        if last <= begin or first >= end:
+            raise InputError(
+                f"--keep-out {path}: lies at {axis} = {first:.4g} to {last:.4g} mm, and the part's layers at"
+                f" {begin:.4g} to {end:.4g} mm; it is in the part's coordinates"
+            )
 
 
 def draw_layer(stack: LayerStack, fixed: LayerStack, index: int, path: Path, *, force: bool) -> None:

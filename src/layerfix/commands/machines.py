@@ -38,6 +38,8 @@ def project_printers(source: Path) -> list[Entry]:
 def told_of_machine(stack: LayerStack, printer: Printer | None) -> list[str]:
     """A word about the printer that a job is for, if none was given, or if another one was."""
     found = job_printers(stack)
+    if printer is not None and printer.process != "resin" and stack.container is not None:
+        return [f"this is a job of a resin printer; {printer.title} is none ({printer.process})"]
     if not found or len(found) > MOST:
         return []
     names = " or ".join(entry.name for entry in found)
@@ -63,6 +65,21 @@ def told_of_service(printer: Printer | None) -> list[str]:
     wires = max(printer.min_wire_mm or 0.0, printer.min_free_wire_mm or 0.0)
     if wires > printer.min_feature_mm:
         words.append(f"it asks {format_mm(wires)} of wires and pins: --min-feature {wires:g}mm gives them that")
+    return words
+
+
+def told_of_heights(stack: LayerStack, part_mm: float, printer: Printer | None) -> list[str]:
+    """A word about layers that the printer does not make, and about one that is higher than all of the part."""
+    words = []
+    heights = {round(float(top - bottom), 6) for bottom, top in (stack.z_mm[0], stack.z_mm[-1])}
+    if printer is not None and printer.process != "service":
+        low, high = printer.layer_range_mm
+        for height in sorted(heights):
+            if not low * (1 - 1e-6) <= height <= high * (1 + 1e-6):
+                made = f"{format_mm(low)} to {format_mm(high)}"
+                words.append(f"layers of {format_mm(height)}: {printer.title} makes {made}")
+    if len(stack) == 1 and part_mm < min(heights) * (1 - 1e-6):
+        words.append(f"the part is {format_mm(round(part_mm, 6))} high, and its only layer {format_mm(min(heights))}")
     return words
 
 

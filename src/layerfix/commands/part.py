@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from layerfix.commands.machines import hint_of, project_printers, told_of_service
+from layerfix.commands.machines import hint_of, project_printers, told_of_heights, told_of_service
 from layerfix.commands.mesh_file import mesh_in
 from layerfix.commands.options import Options, raster_of, refuse_given
 from layerfix.errors import InputError
@@ -75,7 +75,7 @@ def open_part(
     if not stands and _fits_only_turned(mesh, printer):
         mesh = mesh.transformed(QUARTER_TURN[:3, :3])
         placed = Placing(QUARTER_TURN) if placed is None else Placing(QUARTER_TURN @ placed.matrix, placed.search)
-    _check_size(mesh, printer, min_feature_mm)
+    _check_size(mesh, printer)
     if slicing.axes is not None:
         from layerfix.commands.axes import thicker_across
 
@@ -88,7 +88,8 @@ def open_part(
                        antialias=bool(slicing.antialias),
                        frame_px=panel)  # fmt: skip
     stack = told_of_ends(stack, mesh)
-    return Part(mesh, replace(stack, notes=(*stack.notes, *told_of_service(printer))), placed)
+    told = *told_of_service(printer), *told_of_heights(stack, mesh.size_mm[2], printer)
+    return Part(mesh, replace(stack, notes=(*stack.notes, *told)), placed)
 
 
 def _fits_only_turned(mesh: Mesh, printer: Printer | None) -> bool:
@@ -100,13 +101,18 @@ def _fits_only_turned(mesh: Mesh, printer: Printer | None) -> bool:
     return fits_turned and not fits
 
 
-def _check_size(mesh: Mesh, printer: Printer | None, min_feature_mm: float) -> None:
+def check_more_than_a_dot(mesh: Mesh, min_feature_mm: float) -> None:
+    """Raises InputError for a part that is narrower than the minimum feature both ways: it would be another part."""
     size = mesh.size_mm
     if max(size[:2]) < min_feature_mm:
         raise InputError(
             f"{mesh.name}: the part is {size[0]:.4g} × {size[1]:.4g} mm, smaller than the minimum feature of"
             f" {format_mm(min_feature_mm)}; all of it would be one dot"
         )
+
+
+def _check_size(mesh: Mesh, printer: Printer | None) -> None:
+    size = mesh.size_mm
     if printer and any(part > room * (1 + 1e-9) for part, room in zip(size, printer.room_mm, strict=True)):
         raise InputError(
             f"{mesh.name}: the part is {' × '.join(f'{s:.4g}' for s in size)} mm, larger than what"

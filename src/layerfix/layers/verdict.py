@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
-    from layerfix.stack import Layer, LayerStack
+    from layerfix.stack import Gaps, Layer, LayerStack
 
     Columns = NDArray[np.uint64]
 
@@ -72,6 +72,8 @@ class LayerVerdict:
     hairline_px     pixels that stand for what is thinner than one
     sheet_px        pixels of what is thinner than a layer and was met by no mid-plane
     sheets_lost     parts of such, too thin to be kept
+    solid_mm2       area of the layer
+    gaps            of an open mesh, closed in this layer
     """
 
     z_mm: tuple[float, float]
@@ -88,6 +90,8 @@ class LayerVerdict:
     sheets_lost: int = 0
     features_left: int = 0
     thinnest_gap_mm: float | None = None
+    solid_mm2: float = 0.0
+    gaps: Gaps | None = None
 
 
 @njit(types.Tuple((RUNS, FLAGS, types.int64, types.int64))(WORK, WORK, WORK, WORK), cache=True, nogil=True)
@@ -129,7 +133,7 @@ class _Judge:
         feature, pixel_mm = self.feature, self.pixel_mm
         outer = box_with_reach(layer.rows, *feature.reach_px)
         if outer[1] == 0:
-            return LayerVerdict(layer.z_mm, 0)
+            return LayerVerdict(layer.z_mm, 0, gaps=layer.gaps)
         gap_mm = min((width for _, width in self.narrow(layer.rows, True, each=False)), default=None)
         images = self.room.columns(outer, IMAGES_OF_LAYER + 1)
         solid, _, _, opened, paths, spare, dots = images[:7]
@@ -154,6 +158,8 @@ class _Judge:
             sheet_px=layer.sheet_px,
             sheets_lost=layer.sheets_lost,
             thinnest_gap_mm=gap_mm,
+            solid_mm2=float(parts[:, AREA].sum() * area_mm2),
+            gaps=layer.gaps,
         )
         if not any_path:
             return verdict
@@ -218,6 +224,7 @@ def _at_height(known: LayerVerdict, layer: Layer) -> LayerVerdict:
         hairline_px=layer.hairline_px,
         sheet_px=layer.sheet_px,
         sheets_lost=layer.sheets_lost,
+        gaps=layer.gaps,
     )
 
 

@@ -189,6 +189,33 @@ class Mesh:
         return replace(self, vertices=self.vertices + offset, parts=parts)
 
 
+def without_collapsed(mesh: Mesh) -> Mesh:
+    """The mesh without triangles of which two corners are one place in 32-bit floats, as files of meshes hold them.
+
+    The corners become one vertex, so that what was closed stays closed. The mesh itself if there are none.
+    """
+    if mesh.parts:
+        return mesh
+    written = mesh.vertices.astype(np.float32)
+    edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
+    same = (written[edges[:, 0]] == written[edges[:, 1]]).all(axis=1)
+    if not same.any():
+        return mesh
+    number = np.arange(len(mesh.vertices), dtype=np.int32)
+    pairs = np.sort(edges[same], axis=1)
+    while (number[pairs[:, 0]] != number[pairs[:, 1]]).any():  # as often as places in a row are one
+        low = number[pairs].min(axis=1)
+        for column in (0, 1):
+            np.minimum.at(number, number[pairs[:, column]], low)
+        number = number[number]
+    faces = number[mesh.faces]
+    keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    bodies = mesh.bodies
+    if bodies is not None:
+        bodies = replace(bodies, of=bodies.of[keep], colours=bodies.colours[keep])
+    return replace(mesh, faces=faces[keep], bodies=bodies)
+
+
 def stl_header(text: str, triangles: int) -> bytes:
     """The first 84 bytes of a binary STL."""
     return f"binary STL, {text}, mm".encode("ascii", "replace")[:80].ljust(80) + triangles.to_bytes(4, "little")

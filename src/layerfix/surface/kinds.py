@@ -15,7 +15,7 @@ import numpy as np
 from layerfix.errors import InputError
 from layerfix.mesh.outward import turned_outwards
 from layerfix.mesh.slicing import filled_as, plate_mm, sliced_mesh
-from layerfix.mesh.triangles import Mesh
+from layerfix.mesh.triangles import Mesh, without_collapsed
 from layerfix.stack import layer_maker
 
 if TYPE_CHECKING:
@@ -163,15 +163,25 @@ def _layers(stack: LayerStack, tolerance_mm: float | None, telling: Telling) -> 
 
 def _voxels(stack: LayerStack, like: Mesh | None, smooth: bool, tolerance_mm: float | None, telling: Telling) -> Made:
     from layerfix.surface.solids import simplified, solid_of, triangles_of
-    from layerfix.surface.voxels import LOSSLESS_PX, smoothed, snapped, voxel_surface
+    from layerfix.surface.voxels import (
+        LOSSLESS_PX,
+        ends_of,
+        grid_of,
+        reaching_bounds,
+        smoothed,
+        snapped,
+        voxel_surface,
+    )
 
     surface = voxel_surface(stack, telling.watch)
     lowest_mm = plate_mm(stack)
     on_mesh = np.zeros(len(surface.edges), np.bool_)
     if like is not None and not like.is_clipped:
         surface, on_mesh = snapped(surface, like.moved((0.0, 0.0, -lowest_mm)))
-    if smooth:
-        surface = smoothed(surface, ~on_mesh)
+    if smooth:  # but for the foot and the top, or it would be another part's height
+        below, above = ends_of(surface)
+        surface = smoothed(surface, ~(on_mesh | below | above))
+    surface = reaching_bounds(surface, grid_of(stack).bounds)
     vertices, faces = surface.vertices_mm(), surface.faces
     vertices[:, 2] += lowest_mm
     tolerance_mm = LOSSLESS_PX * min(stack.pixel_mm) if tolerance_mm is None else tolerance_mm
@@ -182,7 +192,8 @@ def _voxels(stack: LayerStack, like: Mesh | None, smooth: bool, tolerance_mm: fl
         solid = solid_of(vertices, faces)
         assert solid is not None, "marching cubes are a closed 2-manifold"
         vertices, faces, _ = triangles_of(simplified(solid, tolerance_mm))
-    return Made(Mesh(vertices, faces, like.name if like is not None else "surface"), notes)
+    mesh = Mesh(vertices, faces, like.name if like is not None else "surface")
+    return Made(without_collapsed(mesh), notes)
 
 
 def _smooth(stack: LayerStack, like: Mesh | None, tolerance_mm: float | None, telling: Telling) -> Made:
@@ -192,12 +203,13 @@ def _smooth(stack: LayerStack, like: Mesh | None, tolerance_mm: float | None, te
     notes = outwards.notes[len(like.notes) :]
     like = outwards
     found = smoothly(stack, like, tolerance_mm, telling)
-    if not found.closed and found.bodies:
-        notes += (
-            f"{like.name} is no closed surface: {found.bodies} bodies were put beside its facets as shells of their"
-            " own, which slicers unite; --surface voxels makes one closed surface of all",
-        )
-    return Made(replace(found.mesh, notes=()), notes)
+    if not found.closed:
+        beside = "it stays open"
+        if found.bodies:
+            were = "1 body was" if found.bodies == 1 else f"{found.bodies} bodies were"
+            beside = f"{were} put beside its facets as shells of their own, which slicers unite"
+        notes += (f"{like.name} is no closed surface: {beside}; --surface voxels makes one closed surface of all",)
+    return Made(without_collapsed(replace(found.mesh, notes=())), notes)
 
 
 def smoothly(stack: LayerStack, like: Mesh, tolerance_mm: float | None, telling: Telling) -> Smooth:

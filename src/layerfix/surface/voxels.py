@@ -180,6 +180,30 @@ def smoothed(surface: VoxelSurface, moving: NDArray[np.bool_] | None = None) -> 
     return replace(surface, shares=shares)
 
 
+def ends_of(surface: VoxelSurface) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Two (n,) bool: vertices below the lowest solid voxels, and above the highest."""
+    upright = surface.edges[:, 3] == 2
+    level = surface.edges[:, 2]
+    return upright & (level == level[upright].min()), upright & (level == level[upright].max())
+
+
+def reaching_bounds(surface: VoxelSurface, bounds: Floats) -> VoxelSurface:
+    """The surface with its lowest vertex on the lower bound of the lowest layer, and its highest on the upper one.
+
+    Slicers begin at the lowest point: on the input's round bottom, every layer would be cut a little too high.
+    bounds  of the stack's grid
+    """
+    shares = surface.shares.copy()
+    z, centres = surface.vertices_mm()[:, 2], surface.centres[2]
+    for end, sign in zip(ends_of(surface), (1.0, -1.0), strict=True):
+        of_end = np.flatnonzero(end)
+        v = of_end[np.argmin(sign * z[of_end])]
+        k = int(surface.edges[v, 2]) + 1
+        if sign * (z[v] - bounds[k]) > 0:
+            shares[v] = (bounds[k] - centres[k]) / (centres[k + 1] - centres[k])
+    return replace(surface, shares=shares)
+
+
 @njit(types.int64(CORNERS, SAMPLES, SAMPLES, SAMPLES, KEYS, POSITIONS), cache=True, nogil=True)
 def _met(corners, along, us, vs, keys, places):  # type: ignore[no-untyped-def]  # numba types it
     """Where triangles (axes rolled: along, u, v) meet the lines through the samples of u and v; how often.
