@@ -210,6 +210,27 @@ def test_other_scenes_are_told(tmp_path):
     is_the_cube(loaded(tmp_path / "a.glb", document), "1 node of another scene left out")
 
 
+@pytest.mark.parametrize("required", [False, True])
+def test_hidden_nodes_are_left_out_and_told(tmp_path, required):
+    """KHR_node_visibility: with all that hangs from them. `visible` is true where nothing is said."""
+    hidden, shown = ({"extensions": {"KHR_node_visibility": {"visible": v}}} for v in (False, True))
+    nodes = [
+        {"mesh": 0, **shown},
+        {"mesh": 0, "translation": [9, 0, 0], "children": [2], **hidden},
+        {"mesh": 0, **shown},
+        {"children": [4], **hidden},
+        {"mesh": 0, "extensions": {"KHR_node_visibility": {}}},
+    ]
+    more = {"extensionsRequired": ["KHR_node_visibility"]} if required else {}
+    document = plain(nodes=nodes, scenes=[{"nodes": [0, 1, 3]}], **more)
+    is_the_cube(loaded(tmp_path / "a.glb", document), "3 hidden nodes left out")
+    document = plain(nodes=nodes[1:3], scenes=[{"nodes": [0]}]) if not required else None
+    if document is not None:
+        document.json["nodes"][0]["children"] = [1]
+        with pytest.raises(InputError, match=r"has no triangles \(2 hidden nodes left out\)"):
+            loaded(tmp_path / "b.glb", document)
+
+
 # Refused by name ------------------------------------------------------------------------------------------------
 
 

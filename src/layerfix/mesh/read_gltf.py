@@ -29,9 +29,10 @@ from layerfix.mesh.triangles import Mesh
 
 MAGIC = b"glTF"
 JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
-INSTANCING = "EXT_mesh_gpu_instancing"
+INSTANCING, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_node_visibility"
 READ = (
     INSTANCING,
+    VISIBILITY,
     "KHR_mesh_quantization",
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
@@ -126,7 +127,7 @@ class _Scene:
             path, document, [self._buffer(k, b, binary) for k, b in enumerate(_list(document, "buffers"))]
         )
         self._meshes: dict[tuple[int, tuple[float, ...]], list[tuple[Shape, dict[str, Any]]]] = {}
-        self._left_out: dict[str, int] = {}
+        self._left_out = Counter[str]()
         self._uses = 0
         self._triangles = 0
 
@@ -186,7 +187,7 @@ class _Scene:
         return [f"{several(count, what)} left out" for what, count in self._left_out.items()]
 
     def _nodes(self) -> list[tuple[dict[str, Any], NDArray[np.float64]]]:
-        """(node, its matrix in the scene, z up) of all nodes of the scene; also sets the matrices of joints."""
+        """(node, its matrix in the scene, z up) of what the scene shows; also sets the matrices of joints."""
         nodes = _list(self._document, "nodes")
         scenes = _list(self._document, "scenes")
         children = {c for node in nodes for c in _list(node, "children")}
@@ -199,14 +200,18 @@ class _Scene:
                 self._left_out["node of another scene"] = len(others)
         self._matrices: dict[int, NDArray[np.float64]] = {}
         found = []
-        todo = [(root, TO_Z_UP) for root in reversed(roots)]
+        todo = [(root, TO_Z_UP, True) for root in reversed(roots)]
         while todo:
-            number, above = todo.pop()
+            number, above, shown = todo.pop()
             if not 0 <= number < len(nodes) or number in self._matrices:
                 raise ValueError(f"node {number} is {'used twice' if number in self._matrices else 'missing'}")
             self._matrices[number] = above @ _local(nodes[number])
-            found.append((nodes[number], self._matrices[number]))
-            todo += [(child, self._matrices[number]) for child in reversed(_list(nodes[number], "children"))]
+            shown = shown and _dict(_dict(nodes[number], "extensions"), VISIBILITY).get("visible") is not False
+            if shown:
+                found.append((nodes[number], self._matrices[number]))
+            elif "mesh" in nodes[number]:
+                self._left_out["hidden node"] += 1
+            todo += [(child, self._matrices[number], shown) for child in reversed(_list(nodes[number], "children"))]
         return found
 
     def _of_node(self, node: dict[str, Any], matrix: NDArray[np.float64]) -> list[Placed]:
@@ -279,10 +284,10 @@ class _Scene:
             kind = {0: "set of points", 1: "set of lines", 2: "loop of lines", 3: "strip of lines"}.get(
                 mode, "unknown primitive"
             )
-            self._left_out[kind] = self._left_out.get(kind, 0) + 1
+            self._left_out[kind] += 1
             return nothing
         if "POSITION" not in _dict(primitive, "attributes"):
-            self._left_out["primitive without positions"] = self._left_out.get("primitive without positions", 0) + 1
+            self._left_out["primitive without positions"] += 1
             return nothing
         position = primitive["attributes"]["POSITION"]
         compressed = "KHR_draco_mesh_compression" in _dict(primitive, "extensions")
