@@ -55,7 +55,7 @@ def finish(before, solid, paths, printed, outer, width, limit_mm, px_mm, py_mm, 
     paths."""
     to_rows(printed, outer, width, out)
     counts = _count_changes(before, out)
-    return counts[0], counts[1], counts[2], narrowest(solid, paths, limit_mm, px_mm, py_mm)
+    return counts[0], counts[1], counts[2], narrowest(solid, paths, limit_mm, px_mm, py_mm, False)
 
 
 @dataclass(frozen=True)
@@ -144,6 +144,6 @@ def _kept_out(
     found: list[Found] = []
     for part, only in one_by_one(stuck):
         inside = only & solid  # a crumb may hold no pixel
-        width_mm = narrowest(solid, inside, limit_mm, *pixel_mm) if inside.any() else min(pixel_mm)
+        width_mm = narrowest(solid, inside, limit_mm, *pixel_mm, False) if inside.any() else min(pixel_mm)
         found.append(("keep_out", part, float(width_mm)))
     return centres, found

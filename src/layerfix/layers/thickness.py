@@ -15,6 +15,9 @@ LONGEST_PX = 8  # to either side, along which edges are looked at
 EVERY_PX, APART_PX = 5, 3  # along a path, where nothing is narrower than before
 DIRECTIONS = 24
 RAY_PX = 0.6  # half the breadth of a look in one direction
+ROUNDING = 1e-9
+SMALL_PX = 4.0  # of what is narrower, all is looked at
+ROUGH = 1.25  # a first look says at least so much less, where its direction is another
 LONE_PX = 1.3  # mean width of what is a pixel or two
 SMALL_PIN, ROUND_PIN = 1.8, 1.35  # most over least width of what is a pin, under five pixels and above
 
@@ -189,13 +192,15 @@ def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no
     wide in all directions from its middle, is as wide as they are on average.
     """
     pixel_mm = max(px_mm, py_mm)
-    beyond_mm = rough_mm + 1.5 * pixel_mm  # a path may run along one side
+    beyond_mm = max(rough_mm + 1.5 * pixel_mm, SMALL_PX * pixel_mm)  # a path may run along one side
     least, most, mean, middle_y, middle_x = _chords_mm(columns, y, x, beyond_mm, px_mm, py_mm)
     if most < np.inf:
         least, most, mean, _, _ = _chords_mm(columns, middle_y, middle_x, beyond_mm, px_mm, py_mm)
         if most < np.inf and most <= least * (SMALL_PIN if mean < 5 * pixel_mm else ROUND_PIN):
             return mean if mean > LONE_PX * pixel_mm else least
-    width_mm = rough_mm
+    width_mm, widest_mm = rough_mm, ROUGH * rough_mm + DOUBT_PX * pixel_mm
+    # Of what goes on, edges that just are parted end within the stretch.
+    least_parted = ROUNDING if most == np.inf else 0.0
     for halvings in range(4):
         along_mm = max(min(rough_mm, LONGEST_PX * pixel_mm) / 2**halvings, RAY_PX * pixel_mm)
         parted = -np.inf
@@ -205,12 +210,50 @@ def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no
             if void - solid <= parted:
                 continue
             far_solid, far_void = edges_mm(columns, y, x, -ux, -uy, beyond_mm, along_mm, parted, px_mm, py_mm)
-            gap = min(void - solid, far_void - far_solid)
-            if parted < gap < np.inf and void + far_void < np.inf:
-                parted, width_mm = gap, (solid + void + far_solid + far_void) / 2
-        if parted >= 0:
+            gap, across = min(void - solid, far_void - far_solid), (solid + void + far_solid + far_void) / 2
+            if parted < gap < np.inf and across <= widest_mm:  # not along a stub
+                parted, width_mm = gap, across
+        if parted >= least_parted:
             break
     return width_mm
+
+
+@njit
+def _seen_from(columns, y, x, reach_px, of_void):  # type: ignore[no-untyped-def]  # numba types it
+    """(columns of what of the solid is seen from (y, x), up to so many pixels away; the y and x of their first pixel).
+
+    Seen is what a path of pixels reaches that leads outwards with every step, from one square around (y, x) to the
+    next: what lies behind a gap or a thin wall is not. Of void, corners alone are no way.
+    """
+    size, middle = 2 * reach_px + 1, reach_px
+    seen = np.zeros((size, size), np.bool_)
+    seen[middle, middle] = _solid(columns, y, x)
+    out = np.zeros(((size >> 6) + 1, size), np.uint64)
+    for ring in range(1, reach_px + 1):
+        for k in range(-ring, ring + 1):
+            for side in range(4):
+                dy, dx = (
+                    (-ring, k) if side == 0 else (ring, k) if side == 1 else (k, -ring) if side == 2 else (k, ring)
+                )
+                if not _solid(columns, y + dy, x + dx):
+                    continue
+                found = False
+                for step in range(-1, 2):
+                    # The neighbours one square further in: beside this pixel along the square's side, one inwards.
+                    v = dy + step if side > 1 else dy - (1 if dy > 0 else -1)
+                    u = dx - (1 if dx > 0 else -1) if side > 1 else dx + step
+                    if max(abs(v), abs(u)) != ring - 1 or not seen[middle + v, middle + u]:
+                        continue
+                    if of_void and v != dy and u != dx:
+                        found |= _solid(columns, y + v, x + dx) or _solid(columns, y + dy, x + u)
+                    else:
+                        found = True
+                seen[middle + dy, middle + dx] = found
+    for v in range(size):
+        for u in range(size):
+            if seen[v, u]:
+                out[u >> 6, v] |= U1 << np.uint64(u & 63)
+    return out, y - middle, x - middle
 
 
 @njit
@@ -228,13 +271,14 @@ def _make_room(rough_mm, spots, limit_mm):  # type: ignore[no-untyped-def]  # nu
     return count
 
 
-@njit(types.float64(WORK, WORK, types.float64, types.float64, types.float64), cache=True, nogil=True)
-def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untyped-def]  # numba types it
+@njit(types.float64(WORK, WORK, types.float64, types.float64, types.float64, types.boolean), cache=True, nogil=True)
+def narrowest(columns, paths, limit_mm, px_mm, py_mm, of_void):  # type: ignore[no-untyped-def]  # numba types it
     """Width in mm of S at the narrowest pixel of the skeletal paths, at most `limit_mm`; inf without a path.
 
     A first look takes the distance to the nearest void pixel and to the void straight across; a pixel whose nearest
     void is too far to beat the best so far costs a few words. What may be the narrowest place is then measured, every
     few pixels (`_between_edges_mm`). Nothing is narrower than a pixel.
+    of_void  S is the void of a layer: a line of pixels that touch at corners parts it
     """
     doubt_mm = DOUBT_PX * max(px_mm, py_mm)
     beyond_mm = limit_mm + 2 * doubt_mm
@@ -270,7 +314,9 @@ def narrowest(columns, paths, limit_mm, px_mm, py_mm):  # type: ignore[no-untype
     width_mm = limit_mm
     for k in range(count):
         if rough_mm[k] < best + doubt_mm:
-            at_y, at_x = float(spots[k, 0]), float(spots[k, 1])
-            wide = _between_edges_mm(columns, at_y, at_x, rough_mm[k], px_mm, py_mm)
+            reach_px = int(1.5 * rough_mm[k] / least_mm) + 4
+            part, top, left = _seen_from(columns, spots[k, 0], spots[k, 1], reach_px, of_void)
+            at_y, at_x = float(spots[k, 0] - top), float(spots[k, 1] - left)
+            wide = _between_edges_mm(part, at_y, at_x, rough_mm[k], px_mm, py_mm)
             width_mm = min(width_mm, max(wide, least_mm))
     return width_mm

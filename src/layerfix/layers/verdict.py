@@ -164,7 +164,7 @@ class _Judge:
         if not any_path:
             return verdict
         feature_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
-        thinnest_mm = float(narrowest(solid, paths, feature_mm, *pixel_mm))
+        thinnest_mm = float(narrowest(solid, paths, feature_mm, *pixel_mm, False))
         np.bitwise_or(drawn, solid if self.add_only else opened, out=drawn)
         topology = changes_of(solid, drawn, corner_px, pixel_mm, self.origin_mm, layer.z_mm)
         solid[:] = drawn
@@ -188,7 +188,9 @@ class _Judge:
             [(part, only.copy()) for part, only in one_by_one(paths)] if each else [(np.zeros(5, np.int64), paths)]
         )
         corner = np.array([0, 64 * outer[2], outer[0], 64 * outer[2], outer[0]])
-        return [(part + corner, float(narrowest(solid, only, limit_mm, *self.pixel_mm))) for part, only in found]
+        return [
+            (part + corner, float(narrowest(solid, only, limit_mm, *self.pixel_mm, of_void))) for part, only in found
+        ]
 
     def _find(self, images: Columns) -> bool:
         """`printed_and_paths` of the first image, S, and what F draws along the paths, in the last; whether there are

@@ -309,7 +309,7 @@ class _Thinned:
         fill_columns(layer.rows, outer, images[SOLID])
         printed_and_paths(images, tool_of(feature, "metric"), self.room)
         limit_mm = max(2 * r * p for r, p in zip(feature.radius_px, self.pixel_mm, strict=True))
-        return float(narrowest(images[SOLID], images[PATHS], limit_mm, *self.pixel_mm))
+        return float(narrowest(images[SOLID], images[PATHS], limit_mm, *self.pixel_mm, False))
 
 
 def _offsets(limit_mm: float, pixel_mm: tuple[float, float]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
