@@ -279,7 +279,7 @@ def test_walls_and_gaps_side_by_side_at_angles(degrees):
 
 
 def slow_seen(image: np.ndarray, y: int, x: int, reach: int, of_void: bool) -> set[tuple[int, int]]:
-    """What of the solid is seen: from square to square outwards, each pixel from a neighbour one square further in."""
+    """What of the solid is seen: from square to square outwards, each pixel from a neighbour further in."""
 
     def solid(v: int, u: int) -> bool:
         return 0 <= v < image.shape[0] and 0 <= u < image.shape[1] and bool(image[v, u])

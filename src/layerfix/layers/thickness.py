@@ -220,7 +220,7 @@ def _between_edges_mm(columns, y, x, rough_mm, px_mm, py_mm):  # type: ignore[no
 
 @njit
 def _seen_from(columns, y, x, reach_px, of_void):  # type: ignore[no-untyped-def]  # numba types it
-    """(columns of what of the solid is seen from (y, x), up to so many pixels away; the y and x of their first pixel).
+    """(columns of what of the solid is seen from (y, x), up to so many pixels away; y and x of their first pixel).
 
     Seen is what a path of pixels reaches that leads outwards with every step, from one square around (y, x) to the
     next: what lies behind a gap or a thin wall is not. Of void, corners alone are no way.
