@@ -424,3 +424,36 @@ def test_an_open_mesh_stays_open_and_that_is_said(tmp_path):
     assert any("no closed surface: it stays open; --surface voxels makes one closed surface" in n for n in notes), (
         notes
     )
+
+
+def plate_with_holes() -> Mesh:
+    """Holes close to an edge and to each other; the rims between them are thin where they are nearest."""
+    plate = trimesh.creation.box((12, 8, 1.5))
+    for x, y in ((-3, 2.9), (-0.1, 2.85), (2.75, 2.8), (-3, -2.6), (3.1, -2.87)):
+        hole = trimesh.creation.cylinder(1.03, 3, sections=48)
+        plate = plate.difference(hole.apply_translation((x, y, 0)))
+    return Mesh(plate.vertices, plate.faces)
+
+
+def nearly_thick_walls() -> Mesh:
+    """Walls of a little less than F, turned by a little; one leans, and ends within a layer."""
+    walls = [box((6 * k, 0, 0), (6 * k + 0.75 - 0.07 * k, 5, 2)) for k in range(3)]
+    turn = [[np.cos(0.02), -np.sin(0.02), 0], [np.sin(0.02), np.cos(0.02), 0], [0, 0, 1]]
+    leaning = box((0, -8, 0), (0.4, -3, 2.07)).transformed([[1, 0, 0.9], [0, 1, 0], [0, 0, 1]])
+    return joined(*(wall.transformed(turn) for wall in walls), leaning)
+
+
+@pytest.mark.parametrize("pixel_mm", [0.05, 0.1])
+@pytest.mark.parametrize("make", [plate_with_holes, nearly_thick_walls, slab_with_fin])
+def test_a_smooth_surface_is_within_a_pixel_of_the_layers(make, pixel_mm):
+    """At mid-planes, as slicers cut: nothing further out than a pixel, and nothing is missing."""
+    mesh = make()
+    stack = lf.slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=LAYER_MM, margin_mm=0.8)
+    fixed = lf.correct(stack, min_feature_mm=0.8, mode="add_only")
+    found = smooth_surface(fixed, mesh)
+    assert found.bodies
+    around = np.ones((3, 3), np.bool_)
+    for layer, sliced in zip(fixed, slice_like(found.mesh, fixed), strict=True):
+        wanted, there = layer.image(), sliced.image()
+        assert not (there & ~ndimage.binary_dilation(wanted, around)).any()
+        assert not (wanted & ~ndimage.binary_dilation(there, around)).any()

@@ -65,13 +65,14 @@ class Tile(NamedTuple):
 def drawn_places(stack: LayerStack, watch: Callable[[int, Layer], None]) -> list[NDArray[np.int64]]:
     """(n, 2) row and column of the pixels that F was drawn at, in each layer of a `corrected_like` stack."""
     found = []
-    for index, (places, bare) in enumerate(stack.each(lambda layer: (_places(layer), layer.without_pixels()))):
+    for index, (places, bare) in enumerate(stack.each(lambda layer: (places_in(layer), layer.without_pixels()))):
         watch(index, bare)
         found.append(places)
     return found
 
 
-def _places(layer: Layer) -> NDArray[np.int64]:
+def places_in(layer: Layer) -> NDArray[np.int64]:
+    """(n, 2) row and column of the pixels that F was drawn at in a layer whose change tells."""
     paths = layer.change.paths if layer.change is not None else None
     if paths is None:
         return np.empty((0, 2), np.int64)

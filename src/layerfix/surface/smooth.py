@@ -19,6 +19,7 @@ from layerfix.mesh.bodies import NO_COLOUR
 from layerfix.mesh.slicing import filled_as, plate_mm, slice_like
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import layer_maker
+from layerfix.surface.asked_for import asked_for
 from layerfix.surface.bodies import body_of, drawn_places, tiles
 from layerfix.surface.shares import Share, colour_of, shared_out
 from layerfix.surface.solids import (
@@ -109,6 +110,9 @@ def smooth_bodies(
 
     places = drawn_places(drawn, seen)
     radius_px = np.array([radii[k] for k in range(len(drawn))])
+    feature_mm = 2 * float(radius_px.max()) * fine.pixel_mm[0]
+    if any(map(len, places)):
+        places = asked_for(places, fine, fixed, feature_mm)
     lowest_mm, pixel_mm = plate_mm(fixed), fine.pixel_mm[0]
     bodies: list[manifold3d.Manifold] = []
     reach_px = math.ceil(radius_px.max() + 8) if any(map(len, places)) else 1
@@ -123,7 +127,6 @@ def smooth_bodies(
             raise AssertionError("the body of a tile is no 2-manifold")
         simpler_mm = SIMPLER_PX * pixel_mm if tolerance_mm is None else tolerance_mm
         bodies.append(simplified(body, simpler_mm) if simpler_mm else body)
-    feature_mm = 2 * float(radius_px.max()) * pixel_mm
     return bodies + _sheet_bodies(fixed, mesh, sheets, feature_mm), feature_mm
 
 
