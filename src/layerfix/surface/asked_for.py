@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     Field = NDArray[np.float32]
 
 CELL_ROW = 1 << 20  # cells of one row: more than any plate has
-ROOM_PX = 0.5  # of the printer's, that F around a place has at least in what its layer has and a pixel around that
-COVERED_PX = 0.5  # that F around a place covers less, for what a layer has to be missing
+# Of the fine pixels: what smoothing may make of F around a place, which must have room in what its layer has and a
+# pixel of the printer's around that; and by how much less F covers what is not missing.
+ROOM_PX = COVERED_PX = 0.5
 NEAR_PX = 1.5  # of the fine ones: places in neighbouring fine layers that are one
 AROUND = np.ones((3, 3), np.uint8)
 
@@ -63,7 +64,7 @@ def _within_a_pixel(
 ) -> list[Places]:
     """Places of the fine layers of one layer, without those where F reaches too far, and with what is missing."""
     assert layer.change is not None
-    radius_px = layer.change.radius_px[0]
+    radius_px, fine_px = layer.change.radius_px[0], fine.pixel_mm[0] / fixed.pixel_mm[0]
     both = [_moved(points, fine, fixed) for points in own]
     ends = np.concatenate([*both, drawn.astype(np.float64)])
     reach = int(radius_px) + 4
@@ -76,7 +77,7 @@ def _within_a_pixel(
     middle = len(own) // 2
     wide = cv2.dilate(has, AROUND)
     room: Field = np.asarray(cv2.distanceTransform(wide, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
-    fits = _sampled(room, both[middle] - corner) >= radius_px + ROOM_PX
+    fits = _sampled(room, both[middle] - corner) >= radius_px + ROOM_PX * fine_px
     if not fits.all():
         gone, stay = own[middle][~fits], own[middle][fits]
         own = [stay if points is own[middle] else _without(points, gone, stay) for points in own]
@@ -85,7 +86,7 @@ def _within_a_pixel(
     at = np.rint(kept).astype(int)
     free[at[:, 0], at[:, 1]] = 0
     far = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) if len(at) else np.full(has.shape, np.inf)
-    covered = (was != 0) | (far <= radius_px - COVERED_PX)
+    covered = (was != 0) | (far <= radius_px - COVERED_PX * fine_px)
     missing = (has != 0) & (cv2.dilate(covered.astype(np.uint8), AROUND) == 0)
     if not missing.any():
         return own
