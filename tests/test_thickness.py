@@ -264,6 +264,24 @@ def test_walls_and_gaps_side_by_side(size):
             assert found_gap is None if gap >= size else found_gap == pytest.approx(gap, abs=0.5), (wall, gap)
 
 
+@pytest.mark.parametrize("pixel_mm", [(0.1, 0.05), (0.019, 0.024)])
+@pytest.mark.parametrize("lying", [False, True])
+def test_walls_and_gaps_of_oblong_pixels(pixel_mm, lying):
+    """In mm, within half of the longer side; of a gap of one pixel, its ends are not measured alone."""
+    for size, wall, gap in ((8, 2, 1), (8, 3, 1), (8, 5, 2), (10, 3, 4), (10, 7, 7)):
+        image = np.zeros((110, 130), np.bool_)
+        for k in range(3):
+            start = 20 + k * (wall + gap)
+            image[
+                (slice(start, start + wall), slice(12, 98)) if lying else (slice(12, 98), slice(start, start + wall))
+            ] = 1
+        pitch, limit = pixel_mm[lying], size * pixel_mm[lying]
+        stack = LayerStack.from_images(image[None], pixel_mm=pixel_mm, layer_mm=0.1)
+        (verdict,) = judge(stack, min_feature_mm=limit)
+        assert verdict.thinnest_mm == pytest.approx(wall * pitch, abs=max(pixel_mm) / 2), (size, wall, gap)
+        assert verdict.thinnest_gap_mm == pytest.approx(gap * pitch, abs=max(pixel_mm) / 2), (size, wall, gap)
+
+
 @pytest.mark.parametrize("degrees", [5, 17, 26.6, 33, 45, 63, 71])
 def test_walls_and_gaps_side_by_side_at_angles(degrees):
     """Long ones and stubs, within half a pixel and what the raster adds; one place in fifty may be off by more."""

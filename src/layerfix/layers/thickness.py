@@ -10,7 +10,7 @@ from layerfix.kernels import njit
 
 SIGHT_PX = 31  # how far a look at one word sees to either side
 DOUBT_PX = 1.2  # what a first look may be off by
-PLACES = 24  # measured at most
+PLACES, FEW_PLACES = 24, 6  # measured at most; at least where there are so many: the first is the end of a path
 LONGEST_PX = 8  # to either side, along which edges are looked at
 EVERY_PX, APART_PX = 5, 3  # along a path, where nothing is narrower than before
 DIRECTIONS = 24
@@ -290,7 +290,7 @@ def narrowest(columns, paths, limit_mm, px_mm, py_mm, of_void):  # type: ignore[
         for y in range(1, columns.shape[1] - 1):
             path = paths[w, y]
             any_path |= path != U0
-            while path != U0 and best > least_mm:
+            while path != U0 and (best > least_mm or count < FEW_PLACES):
                 x = w * 64 + lowest_bit(path)
                 path &= path - U1
                 limit = min(beyond_mm, best + doubt_mm) if (x + 2 * y) % EVERY_PX == 0 else best
