@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -297,10 +300,15 @@ def test_walls_and_gaps_side_by_side_at_angles(degrees):
 
 
 def slow_seen(image: np.ndarray, y: int, x: int, reach: int, of_void: bool) -> set[tuple[int, int]]:
-    """What of the solid is seen: from square to square outwards, each pixel from a neighbour further in."""
+    """What of the solid is seen: from square to square outwards, each pixel from a neighbour further in, unless two
+    in a row on the straight way to it, rounded from square to square, are not seen."""
 
     def solid(v: int, u: int) -> bool:
         return 0 <= v < image.shape[0] and 0 <= u < image.shape[1] and bool(image[v, u])
+
+    def on_the_way(v: int, u: int, ring: int) -> tuple[int, int]:
+        share = Fraction(ring - 1, ring)
+        return y + math.floor((v - y) * share + Fraction(1, 2)), x + math.floor((u - x) * share + Fraction(1, 2))
 
     seen = {(y, x)} if solid(y, x) else set()
     for ring in range(1, reach + 1):
@@ -310,7 +318,9 @@ def slow_seen(image: np.ndarray, y: int, x: int, reach: int, of_void: bool) -> s
             inner = [(a, b) for a in (v - 1, v, v + 1) for b in (u - 1, u, u + 1) if (a, b) in seen]
             inner = [(a, b) for a, b in inner if max(abs(a - y), abs(b - x)) == ring - 1]
             ways = [not of_void or a == v or b == u or solid(a, u) or solid(v, b) for a, b in inner]
-            if solid(v, u) and any(ways):
+            first = on_the_way(v, u, ring)
+            second = on_the_way(*first, ring - 1) if ring > 1 else first
+            if solid(v, u) and any(ways) and (ring < 2 or first in seen or second in seen):
                 new.add((v, u))
         seen |= new
     return seen
@@ -336,3 +346,22 @@ def test_behind_a_wall_is_not_seen():
     line = ~np.eye(9, dtype=np.bool_)
     assert (3, 6) not in slow_seen(line, 6, 3, 4, True)
     assert (3, 6) in slow_seen(line, 6, 3, 4, False)
+
+
+def test_necks_and_pins_side_by_side():
+    """Pins in rows, and what is left between the holes of a plate, wherever they lie between the pixels' centres."""
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[:120, :120].astype(float)
+    for size in (9, 14):
+        for wide in (3, 5, 8):
+            for apart in (2, 3, 5, 8):
+                start, step = 35 + rng.random(2), wide + apart
+                dots = np.zeros((120, 120), np.bool_)
+                for i, j in np.ndindex(3, 3):
+                    dots |= (y - start[0] - i * step) ** 2 + (x - start[1] - j * step) ** 2 <= (wide / 2) ** 2
+                found, found_gap = judged(dots, size)
+                assert found == pytest.approx(wide, abs=0.85), (size, wide, apart)
+                assert found_gap == pytest.approx(apart, abs=0.9), (size, wide, apart)
+                found, found_gap = judged(~dots, size)
+                assert found == pytest.approx(apart, abs=0.9), (size, wide, apart)
+                assert found_gap == pytest.approx(wide, abs=0.85), (size, wide, apart)

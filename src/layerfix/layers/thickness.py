@@ -17,6 +17,7 @@ DIRECTIONS = 24
 RAY_PX = 0.6  # half the breadth of a look in one direction
 ROUNDING = 1e-9
 SMALL_PX = 4.0  # of what is narrower, all is looked at
+HIDING_PX = 2  # in a row: one is where a slanting line of pixels goes aside
 ROUGH = 1.25  # a first look says at least so much less, where its direction is another
 LONE_PX = 1.3  # mean width of what is a pixel or two
 SMALL_PIN, ROUND_PIN = 1.8, 1.35  # most over least width of what is a pin, under five pixels and above
@@ -223,20 +224,18 @@ def _seen_from(columns, y, x, reach_px, of_void):  # type: ignore[no-untyped-def
     """(columns of what of the solid is seen from (y, x), up to so many pixels away; y and x of their first pixel).
 
     Seen is what a path of pixels reaches that leads outwards with every step, from one square around (y, x) to the
-    next: what lies behind a gap or a thin wall is not. Of void, corners alone are no way.
+    next, unless two pixels in a row on the straight way there are not: what lies behind a gap, a hole or a thin wall.
+    Of void, corners alone are no way.
     """
     size, middle = 2 * reach_px + 1, reach_px
-    seen = np.zeros((size, size), np.bool_)
+    seen, hidden = np.zeros((size, size), np.bool_), np.zeros((size, size), np.int64)
     seen[middle, middle] = _solid(columns, y, x)
     out = np.zeros(((size >> 6) + 1, size), np.uint64)
     for ring in range(1, reach_px + 1):
         for k in range(-ring, ring + 1):
             for side in range(4):
-                dy, dx = (
-                    (-ring, k) if side == 0 else (ring, k) if side == 1 else (k, -ring) if side == 2 else (k, ring)
-                )
-                if not _solid(columns, y + dy, x + dx):
-                    continue
+                out_px = ring if side & 1 else -ring
+                dy, dx = (out_px, k) if side < 2 else (k, out_px)
                 found = False
                 for step in range(-1, 2):
                     # The neighbours one square further in: beside this pixel along the square's side, one inwards.
@@ -248,7 +247,11 @@ def _seen_from(columns, y, x, reach_px, of_void):  # type: ignore[no-untyped-def
                         found |= _solid(columns, y + v, x + dx) or _solid(columns, y + dy, x + u)
                     else:
                         found = True
+                v, u = (2 * dy * (ring - 1) + ring) // (2 * ring), (2 * dx * (ring - 1) + ring) // (2 * ring)
+                before = hidden[middle + v, middle + u]
+                found = found and before < HIDING_PX and _solid(columns, y + dy, x + dx)
                 seen[middle + dy, middle + dx] = found
+                hidden[middle + dy, middle + dx] = 0 if found else before + 1
     for v in range(size):
         for u in range(size):
             if seen[v, u]:
