@@ -83,7 +83,7 @@ def _within_a_pixel(
         own = [stay if points is own[middle] else _without(points, gone, stay) for points in own]
     kept = _moved(own[middle], fine, fixed) - corner
     free = np.ones(has.shape, np.uint8)
-    at = np.rint(kept).astype(int)
+    at = np.rint(kept).astype(int).clip(0, np.array(has.shape) - 1)
     free[at[:, 0], at[:, 1]] = 0
     far = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) if len(at) else np.full(has.shape, np.inf)
     covered = (was != 0) | (far <= radius_px - COVERED_PX * fine_px)
@@ -105,10 +105,19 @@ def _without(points: Places, gone: Places, stay: Places) -> Places:
     return np.delete(points, nearer, axis=0)
 
 
+def _on_plate_mm(
+    points: Places | NDArray[np.float64], stack: LayerStack
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(x, y) of the middles of (row, column) pixels."""
+    row, column = np.asarray(points, np.float64).T
+    return stack.origin_mm[0] + (column + 0.5) * stack.pixel_mm[0], stack.origin_mm[1] - (row + 0.5) * stack.pixel_mm[
+        1
+    ]
+
+
 def _moved(points: Places | NDArray[np.float64], source: LayerStack, target: LayerStack) -> NDArray[np.float64]:
     """(n, 2) row and column in one frame → in another."""
-    x_mm = source.origin_mm[0] + (points[:, 1] + 0.5) * source.pixel_mm[0]
-    y_mm = source.origin_mm[1] - (points[:, 0] + 0.5) * source.pixel_mm[1]
+    x_mm, y_mm = _on_plate_mm(points, source)
     row = (target.origin_mm[1] - y_mm) / target.pixel_mm[1] - 0.5
     column = (x_mm - target.origin_mm[0]) / target.pixel_mm[0] - 0.5
     return np.column_stack([row, column])
@@ -125,8 +134,7 @@ def _sampled(field: Field, points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _cells(points: Places, stack: LayerStack, cell_mm: float) -> NDArray[np.int64]:
     """(n,) which square cell of the plate each (row, column) pixel of a stack is in, as one number."""
-    x_mm = stack.origin_mm[0] + (points[:, 1] + 0.5) * stack.pixel_mm[0]
-    y_mm = stack.origin_mm[1] - (points[:, 0] + 0.5) * stack.pixel_mm[1]
+    x_mm, y_mm = _on_plate_mm(points, stack)
     row, column = np.floor(y_mm / cell_mm).astype(np.int64), np.floor(x_mm / cell_mm).astype(np.int64)
     cells: NDArray[np.int64] = row * CELL_ROW + column
     return cells
