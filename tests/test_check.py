@@ -326,3 +326,37 @@ def test_what_is_kept_free_lies_in_the_part(tmp_path):
     done = run_layerfix("fix", source, tmp_path / "b.zip", *HOW, "--keep-out", far)
     assert done.code == 2
     assert "far.stl: lies at x = 95 to 100 mm, and the part's layers at -0.8 to 20.8 mm" in done.err
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (("--min-overlap", "20%"), "--min-overlap: goes with --z-sampling overlap"),
+        (("--min-overlap", "20%", "--z-sampling", "middle"), "--min-overlap: goes with --z-sampling overlap"),
+        (("--axes", "xyz", "--grow", "inward"), "--axes xyz: does not go with --grow"),
+        (("--axes", "xyz", "--ignore-specks"), "--axes xyz: does not go with --ignore-specks"),
+    ],
+)
+def test_options_that_nothing_takes(tmp_path, more, words):
+    source = write_stl(tmp_path / "block.stl", box((0, 0, 0), (8, 8, 2)))
+    done = run_layerfix("fix", source, tmp_path / "x.zip", *HOW, *more)
+    assert (done.code, words in done.err) == (2, True), done.err
+
+
+def test_one_report_is_of_one_part(tmp_path):
+    """Several parts would write the same page, one after the other."""
+    sources = [write_stl(tmp_path / f"{k}.stl", box((0, 0, 0), (8, 8, 2))) for k in range(2)]
+    done = run_layerfix("fix", *sources, "--out-dir", tmp_path / "out", "--out-type", "zip", *HOW, "--report",
+                        tmp_path / "r.html")  # fmt: skip
+    assert (done.code, "--report: is of one part" in done.err) == (2, True), done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bore_for_a_job_is_placed_by_its_frame(tmp_path):
+    """A job does not say where the part's coordinates begin, and that is told."""
+    source = write_stl(tmp_path / "block.stl", box((0, 0, 0), (20, 20, 1)))
+    bore = write_stl(tmp_path / "bore.stl", box((30, 30, 0), (35, 35, 1)))
+    job = tmp_path / "job.sl1s"
+    assert run_layerfix("fix", source, job, "--printer", "prusa-sl1s").code == 0
+    done = run_layerfix("fix", job, tmp_path / "fixed.sl1s", "--printer", "prusa-sl1s", "--keep-out", bore)
+    assert "bore.stl is placed from the frame's lower left corner" in " ".join(done.out.split()), done

@@ -104,15 +104,16 @@ def test_material_goes_to_the_other_side(size):
     assert ndimage.label(layer.image(), ALL_AROUND)[1] == 1
 
 
-def test_where_nothing_fits_it_is_told():
+@pytest.mark.parametrize("mode", ["add_only", "as_printed"])
+def test_where_nothing_fits_it_is_told(mode):
     """A wall between two bores: it stays as it is, and its place and width are a conflict."""
     image = framed(np.zeros((30, 80), bool), 14)
     image[20:23, 16:90] = True
     bores = framed(np.ones((30, 80), bool), 14) & ~image
     (layer,) = correct(
-        stack_of(image, pixel_mm=0.1), min_feature_mm=0.9, keep_out=stack_of(bores, pixel_mm=0.1), mode="add_only"
+        stack_of(image, pixel_mm=0.1), min_feature_mm=0.9, keep_out=stack_of(bores, pixel_mm=0.1), mode=mode
     )
-    assert np.array_equal(layer.image() & bores, np.zeros_like(image))
+    assert np.array_equal(layer.image(), image)
     (conflict, *more) = layer.change.conflicts
     assert conflict.kind == "keep_out"
     assert conflict.width_mm == pytest.approx(0.3)
@@ -182,3 +183,23 @@ def test_the_command_keeps_gaps_and_says_what_stays_thin(tmp_path):
     said = json.loads(run.out)
     assert (run.code, said["topology"], said["conflicts"]) == (0, [], [])
     assert said["added_mm3"] == pytest.approx(2 * 0.4 * 4 * 0.4, rel=0.2)
+
+
+@pytest.mark.parametrize("mode", ["add_only", "as_printed"])
+@pytest.mark.parametrize("grow", ["inward", "outward"])
+def test_what_may_grow_nowhere_stays(mode, grow):
+    """A wall beside a block, a pin in a ring: thin, told, and there, whatever else the tool rounds off."""
+    image = framed(np.zeros((40, 60), bool), 14)
+    if grow == "inward":
+        thin = np.zeros_like(image)
+        thin[18:48, 60:63] = True
+        image[18:48, 18:50] = True
+    else:
+        y, x = np.mgrid[: image.shape[0], : image.shape[1]]
+        off = np.hypot(y - 34, x - 40)
+        image |= (off <= 18) & (off > 8)
+        thin = off <= 1.5
+    image |= thin
+    (layer,) = correct(stack_of(image), min_feature_mm=8, grow=grow, mode=mode)
+    assert (layer.image() & thin).sum() == thin.sum()
+    assert layer.change.conflicts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 
 import numpy as np
@@ -14,7 +15,7 @@ from layerfix import LayerStack, correct
 from layerfix.errors import InputError
 from layerfix.layers.heights import with_min_layers
 from tests.independent_readers import write_sl1
-from tests.making import run_layerfix
+from tests.making import box, joined, run_layerfix, write_stl
 
 CROSS = ndimage.generate_binary_structure(2, 1)
 
@@ -113,3 +114,27 @@ def test_numbers_that_are_none(number):
     """Refused."""
     with pytest.raises(InputError, match="a whole number from 1 to 100"):
         with_min_layers(LayerStack.from_images(np.ones((2, 3, 3), bool), pixel_mm=1, layer_mm=1), number)
+
+
+def test_a_stack_of_fewer_layers_is_filled():
+    """As high as there is room; the summary counts what is raised, and the note says that it was not enough."""
+    solid = np.zeros((3, 5, 5), np.bool_)
+    solid[1, 1:4, 1:4] = True
+    stack = LayerStack.from_images(solid, pixel_mm=0.1, layer_mm=0.1)
+    assert np.array_equal(np.asarray(with_min_layers(stack, 7)), np.broadcast_to(solid[1], solid.shape))
+    one = LayerStack.from_images(solid[1:2], pixel_mm=0.1, layer_mm=0.1)
+    assert with_min_layers(one, 3) is one
+
+
+def test_what_is_raised_counts_as_added(tmp_path):
+    """A roof of two layers on two posts becomes ten high: by hand, 6 × 1 × 0.8 mm³ between the posts."""
+    posts = joined(box((0, 0, 0), (1, 1, 3)), box((7, 0, 0), (8, 1, 3)), box((0, 0, 3), (8, 1, 3.2)))
+    source = write_stl(tmp_path / "roof.stl", posts)
+    how = ("--pixel", "50um", "--layer", "0.1mm", "--min-feature", "0.4mm", "--mode", "add_only", "--json")
+    said = json.loads(run_layerfix("fix", source, tmp_path / "a.zip", *how, "--min-layers", "10").out)
+    assert said["added_mm3"] == pytest.approx(6 * 1 * 0.8, rel=0.01)
+    assert said["volume_mm3"] == pytest.approx(2 * 3 + 8 * 0.2, rel=0.01)
+    assert not any("fewer than" in note for note in said["notes"])
+    said = json.loads(run_layerfix("fix", source, tmp_path / "b.zip", *how, "--min-layers", "50").out)
+    assert said["added_mm3"] == pytest.approx(6 * 1 * 3, rel=0.01)
+    assert any(note.startswith("there are 32 layers in all, fewer than 50") for note in said["notes"]), said["notes"]

@@ -113,6 +113,8 @@ def thicker_across(mesh: Mesh, pixel_mm: float | tuple[float, float], options: O
     """
     axes, how = options.slicing.axes or "z", options.correction
     given = [name for name in ("keep_gaps_mm", "keep_out", "min_layers") if getattr(how, name) is not None]
+    given += ["grow"] if how.grow not in (None, "both") else []
+    given += ["ignore_specks"] if how.ignore_specks else []
     if given:
         raise InputError(f"--axes {axes}: does not go with {', '.join(map(flag, given))}")
     for axis in check_axes(axes):

@@ -69,6 +69,8 @@ def _pairs(sources: Sequence[Path], folder: Path, options: Options, suffix: str 
         raise OutputError(f"{folder}: is a file; the results go to a folder")
     if options.run.picture is not None:
         raise InputError("--picture: is of one part; leave it out, or correct one file at a time")
+    if options.run.report is not None:
+        raise InputError("--report: is of one part; leave it out, or correct one file at a time")
     pairs: list[tuple[Path, Path]] = []
     names: dict[str, Path] = {}
     for source in sources:

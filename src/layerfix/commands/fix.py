@@ -31,7 +31,7 @@ from layerfix.formats import (
 from layerfix.layers.correction import correct
 from layerfix.mesh.empty import empty_ends
 from layerfix.mesh.slicing import plate_mm, slice_like, sliced_mesh
-from layerfix.units import format_mm
+from layerfix.units import counted, format_mm
 
 if TYPE_CHECKING:
     from layerfix.layers.correction import Mode
@@ -73,7 +73,7 @@ def fix(
             f"tolerance {format_mm(tolerance_mm)} is larger than the minimum feature of"
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
-    told = doubts(tolerance_mm, paths, min_feature_mm)
+    told = [*doubts(tolerance_mm, paths, min_feature_mm), *_doubts_of(stack, options)]
     fixed = as_asked(stack, placed, mode, options)
     done: list[Layer] = []
 
@@ -203,6 +203,22 @@ def opened(
         raise InputError(f"{source}: nothing is solid in any of its {len(stack)} layers")
     told = told_of_machine(stack, options.printer)
     return replace(stack, notes=(*stack.notes, *told)) if told else stack, None
+
+
+def _doubts_of(stack: LayerStack, options: Options) -> list[str]:
+    """A word about what these layers make of options that are meant for others."""
+    how, words = options.correction, []
+    if how.keep_out is not None and sliced_mesh(stack) is None and find_format(how.keep_out)[0].mesh is not None:
+        words.append(
+            f"{how.keep_out.name} is placed from the frame's lower left corner, z from the plate: layers do not say"
+            " where the part's own coordinates begin"
+        )
+    if (how.min_layers or 1) > len(stack):
+        words.append(
+            f"there are {counted(len(stack), 'layer')} in all, fewer than {how.min_layers}: what is of too few layers"
+            " is as high as all of them"
+        )
+    return words
 
 
 def _keep_out(stack: LayerStack, placed: Placing | None, options: Options) -> LayerStack | None:

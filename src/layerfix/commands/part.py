@@ -80,6 +80,8 @@ def open_part(
         from layerfix.commands.axes import thicker_across
 
         mesh = thicker_across(mesh, pixel_mm, options, progress)
+    if slicing.min_overlap is not None and slicing.z_sampling != "overlap":
+        raise InputError("--min-overlap: goes with --z-sampling overlap")
     panel = printer.pixels if printer and pixel_mm == printer.pixel_mm else None
     stack = slice_mesh(mesh, pixel_mm=pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm,
                        margin_mm=min_feature_mm, fill=slicing.fill or "nonzero",

@@ -72,8 +72,9 @@ def add_up(
     def volume(pick: Callable[[int], int]) -> float:
         return float(sum(pick(i) * heights_mm[i] for i in range(len(changes))) * pixel_mm2)
 
-    solid = volume(lambda i: changes[i][1].solid_px)
-    added = volume(lambda i: changes[i][1].added_px)
+    raised = volume(lambda i: changes[i][0].raised_px)  # which the correction found there
+    solid = volume(lambda i: changes[i][1].solid_px) - raised
+    added = volume(lambda i: changes[i][1].added_px) + raised
     removed = volume(lambda i: changes[i][1].removed_px)
     thinnest = min(
         ((c.thinnest_mm, layer.z_mm[0]) for layer, c in changes if c.thinnest_mm is not None),

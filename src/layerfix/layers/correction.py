@@ -124,7 +124,11 @@ def _check_same_frame(stack: LayerStack, other: LayerStack) -> None:
     same = (stack.width, stack.height) == (other.width, other.height)
     near = np.allclose([*stack.pixel_mm, *stack.origin_mm], [*other.pixel_mm, *other.origin_mm], atol=1e-6)
     if not (same and near):
-        raise InputError(f"keep_out {other!r} is not on the frame of {stack!r}; cut it with slice_like")
+        corners = [f" at x {one.origin_mm[0]:g}, y {one.origin_mm[1]:g} mm" for one in (other, stack)]
+        raise InputError(
+            f"keep_out {other!r}{corners[0]} is not on the frame of {stack!r}{corners[1]} (upper left corners); give"
+            " layers of that frame, or a mesh (`slice_like` cuts it)"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,13 +30,13 @@ MOST_LAYERS = 100
 def with_min_layers(stack: LayerStack, min_layers: int) -> LayerStack:
     """The stack in which everything is at least so many layers high; each layer says what it got (`Layer.raised_px`).
 
+    A stack of fewer layers is filled from the bottom to the top where something is in any of them.
     Raises InputError for a number that is not 1 … MOST_LAYERS.
     """
     if not 1 <= min_layers <= MOST_LAYERS or int(min_layers) != min_layers:
         raise InputError(f"min layers {min_layers}: a whole number from 1 to {MOST_LAYERS}")
-    if min_layers == 1 or len(stack) < min_layers:
-        return stack
-    return replace(stack, make=Raised(stack.make, len(stack), int(min_layers)), repeats=None)
+    least = min(int(min_layers), len(stack))
+    return stack if least < 2 else replace(stack, make=Raised(stack.make, len(stack), least), repeats=None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,12 +104,14 @@ def corrected_columns(
     tool = tool_of(feature, spurs)
     found_any = printed_and_paths(images, tool, room, whole=gap_px is not None, draw=not shifts)
     if found_any and shifts and free is not None:
-        centres, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
+        centres, kept, conflicts = _kept_out(solid, paths, outer, feature, free, pixel_mm)
         draw_paths(centres, printed, *disc, spare)
+        np.bitwise_or(printed, kept, out=printed)
     dots = np.empty_like(solid) if small is not None else solid
     if small is not None and missing_places(printed, small, outer[0], 64 * outer[2], dots):
         if free is not None and shifts:
-            dots, more = _kept_out(solid, dots, outer, feature, free, pixel_mm)
+            dots, kept, more = _kept_out(solid, dots, outer, feature, free, pixel_mm)
+            np.bitwise_or(printed, kept, out=printed)
             conflicts += more
         draw_paths(dots, printed, *disc, spare)
         paths, centres = paths | dots & solid, centres | dots
@@ -128,8 +130,9 @@ def _kept_out(
     feature: Feature,
     free: Free,
     pixel_mm: tuple[float, float],
-) -> tuple[Columns, list[Found]]:
-    """(where F is drawn so that nothing is added where nothing is to be; conflicts)."""
+) -> tuple[Columns, Columns, list[Found]]:
+    """(where F is drawn so that nothing is added where nothing is to be; what stays as it was, since F can be drawn
+    nowhere near; conflicts)."""
     forbidden = np.zeros_like(solid)
     if free.keep_out is not None:
         fill_columns(free.keep_out, outer, forbidden)
@@ -139,11 +142,13 @@ def _kept_out(
         forbidden |= side
     centres, stuck = np.empty_like(solid), np.empty_like(solid)
     if not centres_apart(solid, forbidden, paths, feature, centres, stuck):
-        return centres, []
+        return centres, stuck, []
     limit_mm = max(2 * r * p for r, p in zip(feature.radius_px, pixel_mm, strict=True))
     found: list[Found] = []
     for part, only in one_by_one(stuck):
         inside = only & solid  # a crumb may hold no pixel
         width_mm = narrowest(solid, inside, limit_mm, *pixel_mm, False) if inside.any() else min(pixel_mm)
         found.append(("keep_out", part, float(width_mm)))
-    return centres, found
+    kept = np.zeros_like(solid)
+    draw_paths(stuck, kept, feature.half_widths, *feature.block, np.empty_like(solid))
+    return centres, kept & solid, found
