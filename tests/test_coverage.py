@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 import shapely
@@ -173,3 +175,21 @@ def test_a_file_that_is_no_mesh_takes_no_antialias(tmp_path):
                        "--pixel", "50um", "--layer", "50um")  # fmt: skip
     assert run.code == 2
     assert "goes with meshes" in run.err
+
+
+@pytest.mark.parametrize("suffix", [".goo", ".sl1s"])
+def test_greys_that_a_panel_cannot_show_are_told(tmp_path, suffix):
+    """A job with greys for a panel of eight bits becomes one for a panel of one: they are gone, and that is said."""
+    for bits in (1, 8):
+        (tmp_path / f"own{bits}.toml").write_text(panel(suffix, bits))
+    save_stl(tmp_path / "part.stl", turned(box([0, 0, 0], [5, 2, 0.3]), "z", 20))
+    assert run_layerfix("fix", tmp_path / "part.stl", tmp_path / f"a{suffix}", "-p", tmp_path / "own8.toml").code == 0
+    for bits, told in ((8, False), (1, True)):
+        other = ".goo" if suffix == ".sl1s" else ".sl1s"
+        (tmp_path / f"other{bits}.toml").write_text(panel(other, bits))
+        target = tmp_path / f"b{bits}{other}"
+        run = run_layerfix("fix", tmp_path / f"a{suffix}", target, "-p", tmp_path / f"other{bits}.toml", "--json")
+        assert run.code == 0, run.err
+        notes = [note for note in json.loads(run.out)["notes"] if "black and white" in note]
+        words = "greys, the first at z = 0.000 mm, are black and white now: Me Test SL1S shows no others"
+        assert notes == [words] * told

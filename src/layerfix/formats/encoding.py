@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from layerfix.errors import OutputError
+from layerfix.layers.grey_source import greys_of
 
 if TYPE_CHECKING:
     from layerfix.formats.options import Watch, WriteOptions
+    from layerfix.layers.grey_image import Greys
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
 
@@ -27,6 +29,27 @@ def encoded(stack: LayerStack, encode: Callable[[Layer], Data], watch: Watch | N
             bottom, top = stack.z_mm[index].tolist()
             watch(index, facts.at((bottom, top)))
         yield data
+
+
+class PanelGreys:
+    """The greys of layers as a printer's panel shows them; those that it cannot show are told."""
+
+    def __init__(self, printer: Printer, options: WriteOptions) -> None:
+        self._printer, self._options = printer, options
+        self._lost: set[float] = set()  # bottoms of layers
+
+    def __call__(self, layer: Layer) -> Greys | None:
+        """A layer's greys from above, as `greys_of`; None for a panel of one bit."""
+        bits = self._printer.antialias_bits or 8
+        if bits < 2 and greys_of(layer) is not None:
+            self._lost.add(layer.z_mm[0])
+        return greys_of(layer, bits)
+
+    def tell(self) -> None:
+        """A word about greys that are black and white now, after all layers."""
+        if self._lost and self._options.tell is not None:
+            first = f"greys, the first at z = {min(self._lost):.3f} mm"  # layers that repeat are not asked again
+            self._options.tell(f"{first}, are black and white now: {self._printer.title} shows no others")
 
 
 def checked_printer(path: Path, stack: LayerStack, options: WriteOptions, suffixes: tuple[str, ...]) -> Printer:

@@ -19,7 +19,7 @@ from layerfix import __version__
 from layerfix.bits import mirrored, words_for
 from layerfix.errors import InputError
 from layerfix.files import reading, whole_file
-from layerfix.formats.encoding import checked_printer, encoded
+from layerfix.formats.encoding import PanelGreys, checked_printer, encoded
 from layerfix.formats.jobs.container import (
     Container,
     Frame,
@@ -34,7 +34,6 @@ from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
 from layerfix.formats.png.decode import Decoded
 from layerfix.formats.text_values import machine_name
-from layerfix.layers.grey_source import greys_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -158,6 +157,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     Raises OutputError without a printer that takes GOO, and for layers that are not its panel's size.
     """
     printer = checked_printer(path, stack, options, SUFFIXES)
+    greys = PanelGreys(printer, options)
     preview = Preview(stack)
     width, mirror = stack.width, printer.mirror
     pixel_mm2 = stack.pixel_mm[0] * stack.pixel_mm[1]
@@ -166,7 +166,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     def encode(layer: Layer) -> tuple[bytes, Image, int]:
         from layerfix.formats.jobs import runs
 
-        image = greys_of(layer, printer.antialias_bits or 8)
+        image = greys(layer)
         if image is not None:
             data = runs.encode_greys(image.mirrored(mirror), True)
         else:
@@ -181,6 +181,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
             volume_mm3 += solid_px * pixel_mm2 * (top - bottom)
             file.write(_definition(printer, index, top))
             file.write(struct.pack(">I", len(data) + 2) + b"\x55" + data + bytes([~sum(data) & 0xFF]) + b"\r\n")
+        greys.tell()
         file.write(ENDING)
         file.seek(0)
         file.write(_new_header(stack, printer, preview, volume_mm3))

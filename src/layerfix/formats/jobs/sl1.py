@@ -18,14 +18,13 @@ from typing import TYPE_CHECKING
 from layerfix.bits import mirrored
 from layerfix.errors import InputError
 from layerfix.files import whole_file
-from layerfix.formats.encoding import checked_printer, encoded
+from layerfix.formats.encoding import PanelGreys, checked_printer, encoded
 from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.png.encode import encode_grey_png, encode_png
 from layerfix.formats.png.series import IMAGES, gaps_in, listed, unlike_in
 from layerfix.formats.text_values import LARGEST_NUMBER, abridged, machine_name
-from layerfix.layers.grey_source import greys_of
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
@@ -152,12 +151,13 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
     Raises OutputError without a printer, for one that lacks exposures or is no SL1, and for layers of another size.
     """
     printer = checked_printer(path, stack, options, SUFFIXES)
+    greys = PanelGreys(printer, options)
     job, preview = path.stem, Preview(stack)
     mirror, width = printer.mirror, stack.width
     volume_mm3 = 0.0
 
     def encode(layer: Layer) -> tuple[bytes, Image, int]:
-        image = greys_of(layer, printer.antialias_bits or 8)
+        image = greys(layer)
         if image is not None:
             data = encode_grey_png(image.mirrored(mirror))
         else:
@@ -171,6 +171,7 @@ def write(path: Path, stack: LayerStack, options: WriteOptions) -> None:
             preview.add(blocks, top)
             volume_mm3 += solid_px * pixel_mm2 * (top - bottom)
             archive.writestr(_entry(f"{job}{index:05}.png"), data)
+        greys.tell()
         for size in THUMBNAILS:
             picture = io.BytesIO()
             preview.picture(size).save(picture, "PNG")
