@@ -13,7 +13,7 @@ from layerfix import load_mesh, slice_mesh
 from layerfix.errors import InputError, OutputError
 from layerfix.mesh.read_3mf import recognises
 from layerfix.mesh.triangles import Mesh, save_stl
-from tests.making import box
+from tests.making import box, run_layerfix
 from tests.test_mesh import CORE, component, mesh_xml, model_xml, write_3mf
 
 MS, CONSORTIUM = "http://schemas.microsoft.com/3dmanufacturing/", "http://schemas.3mf.io/3dmanufacturing/"
@@ -85,6 +85,10 @@ def test_a_negative_volume_of_prusaslicer_is_cut_out(tmp_path):
     assert volume(path) == pytest.approx(1000 - 40)
     with pytest.raises(OutputError, match="volumes that are cut out"):
         save_stl(tmp_path / "out.stl", mesh)
+    how = ("--pixel", "0.1mm", "--layer", "0.2mm", "--min-feature", "0.4mm", "--axes", "xyz", "--surface", "voxels")
+    run = run_layerfix("fix", path, tmp_path / "out.ply", *how)
+    said = "--axes xyz: does not go with volumes that are cut out of others, as in a.3mf"
+    assert (run.code, said in run.err) == (2, True), run.err
 
 
 @pytest.mark.parametrize("kind", ["ParameterModifier", "SupportBlocker", "SupportEnforcer"])

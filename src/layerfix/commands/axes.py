@@ -108,8 +108,8 @@ def thicker_across(mesh: Mesh, pixel_mm: float | tuple[float, float], options: O
     """The mesh with what is thin along x and y thickened, as layers along these axes show it; z comes afterwards.
 
     Its own facets stay elsewhere, as in a smooth surface; notes say how much was added.
-    Raises InputError for other axes, for what is kept free (these bodies know nothing of it), and as
-    `smooth_surface`.
+    Raises InputError for other axes, for what is kept free and volumes that are cut out (these bodies know nothing of
+    them), and as `smooth_surface`.
     """
     axes, how = options.slicing.axes or "z", options.correction
     given = [name for name in ("keep_gaps_mm", "keep_out", "min_layers") if getattr(how, name) is not None]
@@ -117,6 +117,8 @@ def thicker_across(mesh: Mesh, pixel_mm: float | tuple[float, float], options: O
     given += ["ignore_specks"] if how.ignore_specks else []
     if given:
         raise InputError(f"--axes {axes}: does not go with {', '.join(map(flag, given))}")
+    if mesh.is_clipped:
+        raise InputError(f"--axes {axes}: does not go with volumes that are cut out of others, as in {mesh.name}")
     for axis in check_axes(axes):
         mesh = _thicker_along(mesh, axis, pixel_mm, options, progress)
     return mesh
