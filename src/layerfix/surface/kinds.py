@@ -138,9 +138,9 @@ def keeps_a_mesh(stack: LayerStack) -> bool:
 
 def is_closed(mesh: Mesh) -> bool:
     """Whether all of a mesh is closed 2-manifolds, nothing cut out of it: then bodies can be united with it."""
-    from layerfix.surface.solids import whole_solid
+    from layerfix.surface.solids import can_be_solid
 
-    return not mesh.is_clipped and all(whole_solid(one) is not None for one in mesh.body_meshes())
+    return not mesh.is_clipped and all(can_be_solid(one) for one in mesh.body_meshes())
 
 
 def _layers(stack: LayerStack, tolerance_mm: float | None, telling: Telling) -> Mesh:

@@ -42,6 +42,12 @@ def solid_of(
     return solid if solid.status() == manifold3d.Error.NoError else None
 
 
+def can_be_solid(mesh: Mesh) -> bool:
+    """Whether `whole_solid` makes one of it; asked without uniting anything."""
+    vertices, faces, _ = _welded(mesh)
+    return solid_of(vertices, faces) is not None and faces_outwards(vertices, faces)
+
+
 def whole_solid(mesh: Mesh, ident: int | None = None) -> manifold3d.Manifold | None:
     """The mesh as one solid whose shells do not cross each other; None if it is no closed 2-manifold, or inside out.
 
