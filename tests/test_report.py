@@ -376,6 +376,27 @@ def test_the_page_in_a_browser(browser, page):
     found.close()
 
 
+@pytest.mark.parametrize("size_mm", [(40, 6, 40), (6, 40, 3), (8, 8, 60)])
+@pytest.mark.parametrize("screen", [(1000, 800), (360, 1600)])
+def test_the_whole_part_is_in_view(browser, tmp_path, size_mm, screen):
+    """Long, high and flat, on a desk and on a narrow screen: nothing but background along the edges."""
+    part = write_stl(tmp_path / "part.stl", box((0, 0, 0), size_mm))
+    path = tmp_path / "part.html"
+    how = ("--pixel", "0.2mm", "--layer", "0.5mm", "--min-feature", "0.8mm")
+    assert run_layerfix("report", part, "-o", path, *how).code == 0
+    found = browser.new_page(viewport={"width": screen[0], "height": screen[1]})
+    found.goto(path.as_uri())
+    found.wait_for_function("window.layerfix && layerfix.ready")
+    found.locator("#slider").evaluate("s => { s.value = s.max; s.dispatchEvent(new Event('input')); }")
+    for view in ("corner", "front"):
+        found.locator(f"[data-view={view}]").click()
+        seen = picture(found, "view")[12:-12, 12:-12]  # without rounded corners and frames
+        there = np.abs(seen - seen[0, 0]).max(axis=2) > 12
+        assert there.sum() > 500
+        assert not np.concatenate([there[0], there[-1], there[:, 0], there[:, -1]]).any(), view
+    found.close()
+
+
 def test_a_printed_page_shows_the_pictures_as_they_are(browser, page):
     """Neither view is stretched, the controls stay on the screen, and every row of the table is on paper."""
     found, said = opened(browser, page[0], "#layer=8")

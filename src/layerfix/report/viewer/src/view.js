@@ -68,8 +68,11 @@ export class View {
   look(name) {
     const middle = this.box.getCenter(new Vector3()), size = this.box.getSize(new Vector3()).length() || 1;
     const way = new Vector3(...DIRECTIONS[name]).normalize();
+    // As far away as all of the ball around the part is seen, whichever side of the view is the shorter.
+    const { width, height } = this.canvas.getBoundingClientRect();
+    const half = Math.atan(Math.tan((this.camera.fov * Math.PI) / 360) * Math.min(width / height || 1, 1));
     this.controls.target.copy(middle);
-    this.camera.position.copy(middle).addScaledVector(way, size * 1.5);
+    this.camera.position.copy(middle).addScaledVector(way, (1.1 * size) / 2 / Math.sin(half));
     this.camera.near = size / 500;
     this.camera.far = size * 20;
     this.controls.update();
