@@ -117,6 +117,13 @@ def test_a_project_that_needs_nothing_comes_out_to_the_byte(tmp_path):
     assert (tmp_path / "fixed.3mf").read_bytes() == project.read_bytes()
 
 
+def test_a_project_of_one_dot_is_refused(tmp_path):
+    """Narrower than the minimum feature both ways, as a mesh is: it would be another part."""
+    project = prusa_project(tmp_path / "in.3mf")
+    with pytest.raises(InputError, match="all of it would be one dot"):
+        fix_file(project, tmp_path / "fixed.3mf", options(min_feature_mm=60.0, pixel_mm=(0.5, 0.5)))
+
+
 def test_a_turned_and_scaled_object_is_corrected_as_it_stands(tmp_path):
     """On its side the fin is a plate of 0.2 mm, one layer: nothing is too thin in a layer. Twice as large, 0.4 mm."""
     turned = prusa_project(tmp_path / "turned.3mf", place="0 0 1 0 1 0 -1 0 0 100 90 20")

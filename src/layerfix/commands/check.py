@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from layerfix.commands.axes import AxisVerdict, check_axes, judge_across, line_of
 from layerfix.commands.fix import as_asked, opened, usual_mode
 from layerfix.commands.machines import hint_of, job_printers
+from layerfix.commands.notes import is_sheet, thinner_than_layers
 from layerfix.commands.options import min_feature_of
 from layerfix.commands.pages import check_page, report_on
 from layerfix.errors import InputError
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from layerfix.layers.verdict import LayerVerdict, Place
 
 SCHEMA_VERSION = 1
-FEATHERS = 1000  # a sheet is more than so small a part of its layer: slopes have feather edges here and there
 
 
 @dataclass(frozen=True)
@@ -198,14 +198,8 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
 def _of_sheets(v: Verdict) -> list[tuple[str, str]]:
     """A word about what no mid-plane meets: slicers leave it out. Feather edges of slopes are none."""
     area_mm2 = v.pixel_mm[0] * v.pixel_mm[1]
-    thin = [one for one in v.by_layer if one.sheet_px * area_mm2 * FEATHERS > one.solid_mm2]
-    if not thin:
-        return []
-    bottom, top = thin[0].z_mm
-    return [
-        ("sheets", f"thinner than a layer of {format_mm(top - bottom)} in {counted(len(thin), 'layer')}, the first at"
-                   f" z = {bottom:.3f} mm; fix draws them one layer thick")
-    ]  # fmt: skip
+    thin = [one.z_mm for one in v.by_layer if is_sheet(one.sheet_px * area_mm2, one.solid_mm2)]
+    return [("sheets", f"{thinner_than_layers(thin)}; fix draws them one layer thick")] if thin else []
 
 
 def markdown_of(v: Verdict) -> str:

@@ -249,7 +249,7 @@ def _check_near(path: Path, mesh: Mesh, stack: LayerStack) -> None:
         if last <= begin or first >= end:
             raise InputError(
                 f"--keep-out {path}: lies at {axis} = {first:.4g} to {last:.4g} mm, and the part's layers at"
-                f" {begin:.4g} to {end:.4g} mm; it is in the part's coordinates"
+                f" {begin:.4g} to {end:.4g} mm: nothing of it would be kept free"
             )
 
 

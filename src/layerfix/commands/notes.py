@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from layerfix.stack import Layer
 
 
+FEATHERS = 1000  # a sheet is more than so small a part of its layer
+
+
 def doubts(tolerance_mm: float | None, paths: PathSettings | None, min_feature_mm: float) -> list[str]:
     """A word about what was asked for and is allowed, but may not be what is wanted."""
     doubts = []
@@ -42,18 +45,25 @@ def told_of_hairlines(done: list[Layer], pixel_mm: tuple[float, float]) -> list[
     ]
 
 
+def is_sheet(sheet_px: float, solid_px: float) -> bool:
+    """Whether so much of a layer is more than feather edges of slopes, which reach a quarter of a layer, too."""
+    return sheet_px * FEATHERS > solid_px
+
+
+def thinner_than_layers(z_mm: Sequence[tuple[float, float]]) -> str:
+    """How many layers have something that is thinner than them, and where the first is."""
+    bottom, top = z_mm[0]
+    layers = counted(len(z_mm), "layer")
+    return f"thinner than a layer of {format_mm(top - bottom)} in {layers}, the first at z = {bottom:.3f} mm"
+
+
 def told_of_sheets(done: list[Layer]) -> list[str]:
     """A word about what is thinner than a layer."""
     words = []
     thin = [layer for layer in done if layer.sheet_px]
-    # Feather edges of slopes reach a quarter of a layer here and there; a sheet is more than a pixel in a thousand.
-    thin = [layer for layer in thin if layer.change is None or layer.sheet_px * 1000 > layer.change.solid_px]
+    thin = [layer for layer in thin if layer.change is None or is_sheet(layer.sheet_px, layer.change.solid_px)]
     if thin:
-        bottom, top = thin[0].z_mm
-        words.append(
-            f"thinner than a layer of {format_mm(top - bottom)} in {counted(len(thin), 'layer')}, the first at"
-            f" z = {bottom:.3f} mm: drawn one layer thick"
-        )
+        words.append(f"{thinner_than_layers([layer.z_mm for layer in thin])}: drawn one layer thick")
     lost = [layer for layer in done if layer.sheets_lost]
     if lost:
         number = sum(layer.sheets_lost for layer in lost)

@@ -12,7 +12,7 @@ import numpy as np
 
 from layerfix.commands.fix import as_asked, check_paths, fix
 from layerfix.commands.options import Options, flag, min_feature_of
-from layerfix.commands.part import open_part
+from layerfix.commands.part import check_more_than_a_dot, open_part
 from layerfix.commands.summary import Summary, add_up
 from layerfix.errors import InputError
 from layerfix.formats import find_format
@@ -98,6 +98,7 @@ def _fix_object(
     bodies = [_body(project, placed) for placed in one.parts]
     whole = _whole(bodies, one.name)
     stack = open_part(source, options, progress, mesh=whole).stack
+    check_more_than_a_dot(whole, min_feature_of(options))
     fixed = as_asked(stack, None, "add_only", options)
     layers: list[Layer] = []
     for index, layer in enumerate(fixed.each(lambda layer: layer.without_pixels())):

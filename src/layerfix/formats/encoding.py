@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from layerfix.errors import OutputError
-from layerfix.layers.grey_source import greys_of
+from layerfix.layers.grey_source import greys_of, has_greys
 
 if TYPE_CHECKING:
     from layerfix.formats.options import Watch, WriteOptions
@@ -41,7 +41,7 @@ class PanelGreys:
     def __call__(self, layer: Layer) -> Greys | None:
         """A layer's greys from above, as `greys_of`; None for a panel of one bit."""
         bits = self._printer.antialias_bits or 8
-        if bits < 2 and greys_of(layer) is not None:
+        if bits < 2 and has_greys(layer):
             self._lost.add(layer.z_mm[0])
         return greys_of(layer, bits)
 

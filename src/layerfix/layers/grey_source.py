@@ -66,6 +66,11 @@ class GreySource:
         return None if image is None else image.mirrored(self.mirror).in_bits(bits)
 
 
+def has_greys(layer: Layer) -> bool:
+    """Whether a layer comes from an image with greys."""
+    return isinstance(layer.source, GreySource) and layer.source.held is not None
+
+
 def greys_of(layer: Layer, bits: int = 8) -> Greys | None:
     """A layer's greys from above, (H, W) in so many bits, if it comes from any; None if not, or for one bit."""
     if bits < 2 or not isinstance(layer.source, GreySource):

@@ -62,6 +62,18 @@ def edges_balance(points: NDArray[np.float64], faces: NDArray[np.int32]) -> bool
 
 
 @njit
+def join(parent, a, b):  # type: ignore[no-untyped-def]  # numba types it
+    """Put the groups of a and b together (union–find): the root of a group is its smallest member."""
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
+    while parent[b] != b:
+        parent[b] = parent[parent[b]]
+        b = parent[b]
+    parent[max(a, b)] = min(a, b)
+
+
+@njit
 def _root(parent, parity, f):  # type: ignore[no-untyped-def]  # numba types it
     """(root of f, whether f is turned against it); halves the path on the way."""
     turned = False

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 
 from layerfix.kernels import njit
-from layerfix.mesh.closing import KEYS, TRIANGLES, mix, orient, vertex_keys, vertex_numbers
+from layerfix.mesh.closing import KEYS, TRIANGLES, join, mix, orient, vertex_keys, vertex_numbers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -58,14 +58,7 @@ def joined_labels(pairs, count):  # type: ignore[no-untyped-def]  # numba types 
     """(count,) the smallest member of each one's group, where `pairs` (k, 2) are in one group."""
     parent = np.arange(count)
     for p in range(pairs.shape[0]):
-        a, b = pairs[p, 0], pairs[p, 1]
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
-        parent[max(a, b)] = min(a, b)
+        join(parent, pairs[p, 0], pairs[p, 1])
     for f in range(count):
         parent[f] = parent[parent[f]]
     return parent

@@ -15,7 +15,7 @@ import numpy as np
 from numba import types
 
 from layerfix.kernels import njit
-from layerfix.mesh.closing import POINTS, TRIANGLES, vertex_numbers
+from layerfix.mesh.closing import POINTS, TRIANGLES, join, vertex_numbers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -79,13 +79,7 @@ def shell_labels(faces, vertices):  # type: ignore[no-untyped-def]  # numba type
             waiting[other] = -1
             if same_way:
                 continue
-            while parent[a] != a:
-                parent[a] = parent[parent[a]]
-                a = parent[a]
-            while parent[b] != b:
-                parent[b] = parent[parent[b]]
-                b = parent[b]
-            parent[max(a, b)] = min(a, b)
+            join(parent, a, b)
         for e in range(start[v], start[v + 1]):
             t, k = edges[e] // 3, edges[e] % 3
             other = max(faces[t, k], faces[t, 0 if k == 2 else k + 1])

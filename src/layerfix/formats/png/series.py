@@ -51,7 +51,8 @@ def series_of(where: str, files: Iterable[str]) -> tuple[list[str], tuple[str, .
     strange = sorted((name for name in seen if name.lower().endswith(OTHER_IMAGES)), key=numeric_order)
     for name in strange if names else ():
         if NUMBER.search(PurePosixPath(name).name) and _shape(name) in shapes:
-            raise InputError(f"{where}: {abridged(name)} is no PNG image, as {names[0]} is; save all layers as PNG")
+            pair = f"{abridged(name)} is no PNG image, as {abridged(names[0])} is"
+            raise InputError(f"{where}: {pair}; save all layers as PNG")
     notes = [*gaps_in(where, names), *unlike_in(names)]
     if names and strange:
         notes.append(f"not read, since no PNG: {listed(strange)}")
@@ -119,9 +120,7 @@ def _shape(name: str) -> str:
 def _check_folders(where: str, names: Sequence[str]) -> None:
     folders = dict.fromkeys(str(PurePosixPath(name).parent) for name in names)
     if len(folders) > 1:
-        shown = ", ".join(
-            "the top" if folder == "." else f"{abridged(folder)}/" for folder in [*folders][:PLACES_TOLD]
-        )
+        shown = listed(["the top" if folder == "." else f"{folder}/" for folder in folders])
         raise InputError(f"{where}: has images in {len(folders)} folders ({shown}); the layers of a part lie in one")
 
 
