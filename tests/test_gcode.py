@@ -17,14 +17,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 from shapely import Point, box
 
 import layerfix as lf
 from layerfix import LayerStack, settings_for
 from layerfix.errors import InputError, OutputError
 from layerfix.fdm import KINDS
+from layerfix.fdm.moves import LIFT, RETRACT, TRAVEL
 from layerfix.fdm.toolpaths import plan_toolpaths
 from layerfix.formats import read as read_layers
+from layerfix.formats.vector.gcode_lines import lines_of_moves
 from layerfix.formats.vector.gcode_reader import read_gcode
 from layerfix.printers import Printer
 from tests.beads import drawn, main_width, section_mm2, shape_of, stack_of
@@ -34,6 +38,34 @@ from tests.moving import LIMITS, timed
 from tests.slicers.programs import MODES, why_not
 
 MK3S, TAZ, KLIPPER, MARLIN2 = "prusa-mk3s-0.4", "lulzbot-taz6-0.5", "ratrig-v-core-4-400-0.6", "prusa-mini-0.4"
+
+
+# Lines
+
+
+FORMATS = {0: "G1 X%.3f Y%.3f E%.5f\n", TRAVEL: "G1 X%.3f Y%.3f F%.0f\n", LIFT: "G1 Z%.6g F%.0f\n",
+           RETRACT: "G1 E%.5f F%.0f\n"}  # fmt: skip
+places = st.floats(-2000, 2000).map(lambda value: value + 0.0)  # there is no -0
+# What lies at a half of the last digit, or next to it, is rounded by the value itself and not by a product of it.
+halves = st.tuples(st.integers(-(10**6), 10**6), st.sampled_from([-1, 0, 1])).map(
+    lambda found: (
+        math.nextafter((found[0] + 0.5) / 1000, found[1] * math.inf) if found[1] else (found[0] + 0.5) / 1000
+    )
+)
+
+
+@given(st.lists(st.tuples(st.sampled_from([0, 3, TRAVEL, LIFT, RETRACT]), st.one_of(places, halves),
+                          st.one_of(places, halves), st.floats(1e-3, 900), st.floats(-99, 99).map(lambda e: e + 0.0),
+                          st.integers(1, 60000)), min_size=1, max_size=8))  # fmt: skip
+def test_lines_are_what_python_writes(moves):
+    """To the byte, but for the sign of a zero."""
+    kind, x, y, z, e, feedrate = (np.array(column, np.float64) for column in zip(*moves, strict=True))
+    data, starts = lines_of_moves(kind.astype(np.int64), np.column_stack([x, y, z]), e, feedrate)
+    lines = data.tobytes().decode().splitlines(keepends=True)
+    numbers = {0: lambda m: (m[1], m[2], m[4]), TRAVEL: lambda m: (m[1], m[2], m[5]),
+               LIFT: lambda m: (m[3], m[5]), RETRACT: lambda m: (m[4], m[5])}  # fmt: skip
+    assert lines == [FORMATS[min(m[0], 0)] % numbers[min(m[0], 0)](m) for m in moves]
+    assert starts.tolist() == np.cumsum([0, *map(len, lines[:-1])]).tolist()
 
 
 # An interpreter of its own

@@ -16,7 +16,7 @@ from skimage.measure import find_contours
 from skimage.morphology import thin
 
 from layerfix.bits import pack
-from layerfix.fdm.chains import needed_points, trace_lines
+from layerfix.fdm.chains import lengths_of, needed_points, simplified, trace_lines
 from layerfix.fdm.fields import (
     BESIDE_MM,
     NO_LEVEL,
@@ -29,7 +29,7 @@ from layerfix.fdm.fields import (
     smoothed,
     take_off,
 )
-from layerfix.fdm.infill import join_lines, rectilinear, scan
+from layerfix.fdm.infill import join_lines, parted, rectilinear, scan
 from layerfix.fdm.level_sets import level_loops
 from layerfix.fdm.rings import SMOOTH_PX, WEIGHTS
 from tests.pictures_as_text import images
@@ -354,6 +354,62 @@ def test_needed_points_of_a_straight_line_of_changing_width():
     assert np.flatnonzero(needed_points(even, 0.25)).tolist() == [0, 20]
     even[10, 2] = 4
     assert np.flatnonzero(needed_points(even, 0.25)).tolist() == [0, 9, 10, 11, 20]
+
+
+def line_of(seed: int, count: int, step: float) -> np.ndarray:
+    """A random walk of points x, y and spacing, in the middle of a mask of 64 × 64."""
+    walk = np.cumsum(np.random.default_rng(seed).normal(size=(count, 3)) * [step, step, 0.3], axis=0)
+    walk[:, :2] = np.abs((walk[:, :2] + 31) % 120 - 60)
+    return walk
+
+
+@given(st.lists(st.integers(0, 6), min_size=1, max_size=5), seeds)
+def test_lengths_of_lines(counts, seed):
+    points = line_of(seed, sum(counts) + 1, 5.0)
+    starts = np.cumsum([0, *counts])
+    wanted = [np.hypot(*np.diff(points[a:b, :2], axis=0).T).sum() for a, b in pairwise(starts.tolist())]
+    np.testing.assert_allclose(lengths_of(points, starts), wanted, atol=1e-9)
+
+
+@given(seeds, st.integers(2, 40), st.floats(0.1, 3), st.floats(0.05, 2), st.floats(1, 200))
+def test_simplified_lines(seed, count, share, tolerance, turns):
+    """The points that are needed, with the width in px, and the mean spacing of each piece."""
+    line = line_of(seed, count, 3.0)
+    finest = min(tolerance, np.hypot(*np.diff(line[:, :2], axis=0).T).sum() / turns)
+    kept = line[needed_points(line * [1, 1, share], finest)]
+    points, spacings = simplified(line, share, tolerance, turns)
+    np.testing.assert_array_equal(points, kept[:, :2])
+    np.testing.assert_allclose(spacings, (kept[1:, 2] + kept[:-1, 2]) / 2)
+
+
+def twin_of_parted(points: np.ndarray, mask: np.ndarray) -> list[tuple[np.ndarray, bool]]:
+    """The same, by looking at a list of all places where the line is looked at."""
+    looked = [
+        (*(points[k] + i / n * (points[k + 1] - points[k])), i == 0)
+        for k in range(len(points) - 1)
+        for n in [max(math.ceil(math.hypot(*(points[k + 1] - points[k]))), 1)]
+        for i in range(n)
+    ] + [(*points[-1], True)]
+    within = [bool(mask[round(y), round(x)]) for x, y, _ in looked]
+    cuts = [0, *(k for k in range(1, len(looked)) if within[k] != within[k - 1]), len(looked) - 1]
+    parts = []
+    for a, b in pairwise(cuts):
+        if b > a:
+            corners = [k for k in range(a + 1, b) if looked[k][2]]
+            parts.append((np.array([looked[k][:2] for k in [a, *corners, b]]), within[a]))
+    return parts
+
+
+@given(seeds, st.integers(2, 9), st.floats(0.1, 30))
+def test_parted_lines(seed, count, step):
+    """Cut where they enter or leave a mask; the parts touch, and together they are the line."""
+    points, mask = np.ascontiguousarray(line_of(seed, count, step)[:, :2]), mask_of(seed, 64, 64)
+    cut, starts, inside = parted(points, pack(mask))
+    parts = [(cut[a:b], within) for (a, b), within in zip(pairwise(starts.tolist()), inside.tolist(), strict=True)]
+    wanted = twin_of_parted(points, mask)
+    assert [within for _, within in parts] == [within for _, within in wanted]
+    for (mine, _), (theirs, _) in zip(parts, wanted, strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-12)
 
 
 # Infill

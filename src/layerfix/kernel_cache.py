@@ -33,13 +33,19 @@ def places() -> list[Path]:
     ``NUMBA_CACHE_DIR`` and no other if it is set; else the package itself and the user's cache folder. Outside the
     package every installation has a folder of its own, so that two versions do not clear each other's kernels away.
     """
-    package = Path(__file__).resolve().parent
-    own = f"layerfix-{hashlib.blake2b(os.fsencode(package), digest_size=6).hexdigest()}"
+    package, own = _package()
     given = os.environ.get("NUMBA_CACHE_DIR")
     if given:
         return [Path(given, own)]
     home = _user_cache()
     return [package / "__pycache__" / "kernels", *([home / own] if home is not None else [])]
+
+
+@cache
+def _package() -> tuple[Path, str]:
+    """Where this package is, and the name of its own folder elsewhere."""
+    package = Path(__file__).resolve().parent
+    return package, f"layerfix-{hashlib.blake2b(os.fsencode(package), digest_size=6).hexdigest()}"
 
 
 def _user_cache() -> Path | None:

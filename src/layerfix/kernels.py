@@ -20,6 +20,7 @@ from threading import Lock
 from types import CodeType, ModuleType
 from typing import Any, ClassVar
 
+import llvmlite.binding as llvm
 import numba
 import numpy as np
 from numba.core import config, event, types
@@ -144,7 +145,9 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
 
     def save_overload(self, sig: Any, data: Any) -> None:
         if not data.library.has_dynamic_globals:
-            kernel_cache.save(*self._names(), dumps(data._reduce()))
+            (name, kind, (machine_code, _)), *others = data._replace(type_annotation="")._reduce()
+            library = name, kind, (machine_code, _bitcode_of_a_name(data.fndesc.llvm_cpython_wrapper_name))
+            kernel_cache.save(*self._names(), dumps((library, *others)))
 
     def _names(self) -> tuple[str, str, str]:
         kernel = self._kernel
@@ -225,6 +228,13 @@ def compiling_told(tell: Callable[[str], None]) -> Iterator[None]:
 
     with event.install_listener("numba:compile", Listener()):
         yield
+
+
+def _bitcode_of_a_name(symbol: str) -> bytes:
+    """What is kept in place of a kernel's bitcode: no kernel is linked into another, and to parse it all would take
+    most of the time of loading. numba asks only whether the function is there that Python calls."""
+    bitcode: bytes = llvm.parse_assembly(f'define void @"{symbol}"() {{ ret void }}').as_bitcode()
+    return bitcode
 
 
 def _digest(text: str, size: int) -> str:

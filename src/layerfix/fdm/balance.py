@@ -126,8 +126,11 @@ def balanced(
 
     if not paths:
         return []
-    points = np.concatenate([np.column_stack([p.points_mm, np.append(p.width_mm, 0.0)]) for p in paths])
     starts = np.cumsum([0] + [len(p.points_mm) for p in paths])
+    points = np.zeros((starts[-1], 3))
+    np.concatenate([p.points_mm for p in paths], out=points[:, :2])
+    last = np.zeros(1)  # a point more than pieces
+    points[:, 2] = np.concatenate([part for p in paths for part in (p.width_mm, last)])
     pieces, begins = in_pieces(points, starts, PIECE_MM)
     cells = np.ascontiguousarray((pieces[:, :2] - room.corner_mm) * np.array([1, -1]) / room.cell_mm)
     before = pieces[:, 2] - overlap_mm

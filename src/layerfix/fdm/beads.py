@@ -72,7 +72,7 @@ class Path:
     def starting_at(self, k: int) -> Path:
         """A closed path begun at its point k."""
         points = np.concatenate([self.points_mm[k:-1], self.points_mm[: k + 1]])
-        return Path(points, np.roll(self.width_mm, -k), self.kind)
+        return Path(points, np.concatenate([self.width_mm[k:], self.width_mm[:k]]), self.kind)
 
 
 @dataclass(frozen=True)

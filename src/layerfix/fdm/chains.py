@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import types
 
 from layerfix.fdm.fields import FIELD, INDEX_LIST, POINTS, STARTS
 from layerfix.kernels import njit
 
+LENGTHS = types.Array(types.float64, 1, "C")
 MASK = types.Array(types.uint8, 2, "C")
 MOST_TURN = 1.1  # radians: in round spots, whose ridge is flat, the way would go round and round
 FALL = 3  # pixels over which a ridge falls where it ends
@@ -194,3 +197,47 @@ def needed_points(points, tolerance):  # type: ignore[no-untyped-def]  # numba t
             todo[left + 1, 0], todo[left + 1, 1] = which, b
             left += 2
     return keep
+
+
+@njit
+def way(points, first, last):  # type: ignore[no-untyped-def]  # numba types it
+    """Of the way from one point to another of a polyline, along it; x and y are the first two columns."""
+    length = 0.0
+    for k in range(first, last):
+        length += math.hypot(points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1])
+    return length
+
+
+@njit(LENGTHS(POINTS, STARTS), cache=True, nogil=True)
+def lengths_of(points, starts):  # type: ignore[no-untyped-def]  # numba types it
+    """(n,) how long each polyline is whose x and y are the first two columns of `points`; line k has the points from
+    starts[k] to starts[k + 1]."""
+    out = np.empty(starts.shape[0] - 1)
+    for k in range(out.shape[0]):
+        out[k] = way(points, starts[k], starts[k + 1] - 1)
+    return out
+
+
+@njit(types.Tuple((POINTS, LENGTHS))(POINTS, types.float64, types.float64, types.float64), cache=True, nogil=True)
+def simplified(line, share, tolerance, turns):  # type: ignore[no-untyped-def]  # numba types it
+    """(x, y of the `needed_points` of a line (n, 3) of x, y and spacing, mean spacing of each piece between them).
+
+    share      how many px a unit of spacing is worth
+    tolerance  px; small loops get a finer one, their length over `turns`
+    """
+    weighed = line.copy()
+    weighed[:, 2] *= share
+    keep = needed_points(weighed, min(tolerance, way(line, 0, line.shape[0] - 1) / turns))
+    count = 0
+    for k in range(keep.shape[0]):
+        count += keep[k]
+    points, spacings = np.empty((count, 2)), np.empty(max(count - 1, 0))
+    n, before = 0, 0.0
+    for k in range(keep.shape[0]):
+        if keep[k]:
+            points[n] = line[k, :2]
+            if n:
+                spacings[n - 1] = (line[k, 2] + before) / 2
+            before = line[k, 2]
+            n += 1
+    return points, spacings

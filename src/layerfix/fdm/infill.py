@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import types
 
+from layerfix.bits import ROWS, U0, U1
+from layerfix.fdm.chains import lengths_of, way
 from layerfix.fdm.fields import FIELD, POINTS
 from layerfix.kernels import njit
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+PARTED = types.Tuple((POINTS, types.int64[::1], types.boolean[::1]))
 CHAINED = types.Tuple((POINTS, types.int64[::1]))
 
 
@@ -133,14 +136,60 @@ def join_lines(field, lines, longest, least):  # type: ignore[no-untyped-def]  #
     return points[:n].copy(), starts[: chains + 1].copy()
 
 
+@njit(PARTED(POINTS, ROWS), cache=True, nogil=True)
+def parted(points, mask):  # type: ignore[no-untyped-def]  # numba types it
+    """(points (m, 2), starts, whether each part lies in the mask): a polyline (n, 2), cut where it enters or leaves a
+    mask (packed).
+
+    It is looked at every pixel; parts touch where they are cut.
+    """
+    pieces = points.shape[0] - 1
+    most = 2 * (int(way(points, 0, pieces)) + 2 * pieces) + 2
+    out, starts = np.empty((most, 2)), np.zeros(most, np.int64)
+    inside, before, n, parts = np.zeros(most, np.bool_), False, 0, 0
+    for k in range(pieces + 1):
+        x0, y0 = points[k]
+        dx, dy = points[min(k + 1, pieces), 0] - x0, points[min(k + 1, pieces), 1] - y0
+        steps = max(math.ceil(math.hypot(dx, dy)), 1)
+        for i in range(steps):
+            x, y = x0 + i / steps * dx, y0 + i / steps * dy
+            column, row = int(np.rint(x)), int(np.rint(y))
+            here = (mask[row, column >> 6] >> np.uint64(column & 63)) & U1 != U0
+            if k == 0 and i == 0:
+                before = here
+            cut = here != before
+            if cut or i == 0:
+                out[n, 0], out[n, 1] = x, y
+                n += 1
+            if cut:
+                inside[parts] = before
+                parts += 1
+                starts[parts] = n
+                out[n, 0], out[n, 1] = x, y
+                n += 1
+                before = here
+    if n - starts[parts] > 1:
+        inside[parts] = before
+        parts += 1
+        starts[parts] = n
+    return out[:n].copy(), starts[: parts + 1].copy(), inside[:parts].copy()
+
+
 def rectilinear(
-    field: NDArray[np.float32], angle: float, spacing_px: float, least: float, corner_px: Floats
+    field: NDArray[np.float32],
+    angle: float,
+    spacing_px: float,
+    least: float,
+    corner_px: Floats,
+    shortest_px: float = 0.0,
 ) -> list[Floats]:
     """Zigzags of lines `spacing_px` apart where the field is above 0: a list of (n, 2) points in px.
 
-    corner_px  where the field's pixel (0, 0) lies in a frame in which the lines are the same for all layers
+    corner_px    where the field's pixel (0, 0) lies in a frame in which the lines are the same for all layers
+    shortest_px  zigzags that are no longer are left out
     """
     across = -math.sin(angle) * corner_px[0] + math.cos(angle) * corner_px[1]
     lines = scan(field, angle, spacing_px, float((0.5 * spacing_px - across) % spacing_px))
     points, starts = join_lines(field, lines, 2.2 * spacing_px, least)
-    return [points[a:b] for a, b in pairwise(starts)]
+    long = (lengths_of(points, starts) > shortest_px).tolist()
+    return [points[a:b] for (a, b), kept in zip(pairwise(starts.tolist()), long, strict=True) if kept]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -26,7 +27,7 @@ import numpy as np
 from layerfix.bits import pack
 from layerfix.fdm.balance import CELL_MM, Room, balanced
 from layerfix.fdm.beads import BRIDGE, EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
-from layerfix.fdm.chains import needed_points
+from layerfix.fdm.chains import simplified
 from layerfix.fdm.covering import lay, lay_the_rest
 from layerfix.fdm.distance import edge_distance, share_of_cells
 from layerfix.fdm.fields import (
@@ -35,8 +36,8 @@ from layerfix.fdm.fields import (
     pixels_of,
     take_off,
 )
-from layerfix.fdm.infill import rectilinear
-from layerfix.fdm.rings import Beads, length, plan_ring
+from layerfix.fdm.infill import parted, rectilinear
+from layerfix.fdm.rings import Beads, plan_ring
 from layerfix.fdm.single_beads import spot_beads
 from layerfix.fdm.spots import filled_spots
 from layerfix.layers.columns import bounding_box
@@ -78,22 +79,30 @@ class _Sheet:
     origin_mm: tuple[float, float]
     width_mm: float
 
-    @property
+    @cached_property
     def corner_px(self) -> Floats:
         """The middle of pixel (0, 0) of the bordered box, from the frame's corner."""
         return np.array([64 * (self.box[2] - 1) + 0.5, self.box[0] - 0.5])
 
+    @cached_property
+    def scale(self) -> Floats:
+        """Of px in the frame to mm."""
+        return np.array([self.pixel_mm, -self.pixel_mm])
+
+    @cached_property
+    def origin(self) -> Floats:
+        """The frame's corner in mm."""
+        return np.array(self.origin_mm)
+
     def path(self, points: Floats, kind: str) -> list[Path]:
         """(n, 3) x, y in px and spacing in mm, simplified: one path, or none if nothing is left of it."""
-        tolerance_px = min(TOLERANCE_PX, length(points) / TURNS)
-        kept = points[needed_points(points * np.array([1, 1, WIDTH_SHARE / self.pixel_mm]), tolerance_px)]
-        if len(kept) < 3 and (kept[0, :2] == kept[-1, :2]).all():
+        line = np.ascontiguousarray(points)
+        kept, spacings = simplified(line, WIDTH_SHARE / self.pixel_mm, TOLERANCE_PX, TURNS)
+        if len(kept) < 3 and (kept[0] == kept[-1]).all():
             return []
-        widths = (kept[1:, 2] + kept[:-1, 2]) / 2 + self.beads.overlap
-        steps = self.width_mm + WIDTH_STEP_MM * np.round((widths - self.width_mm) / WIDTH_STEP_MM)
-        scale = np.array([self.pixel_mm, -self.pixel_mm])
-        points_mm = (kept[:, :2] + self.corner_px) * scale + np.array(self.origin_mm)
-        return [Path(points_mm, np.clip(np.round(steps, 4), *self.settings.range_mm), kind)]
+        steps = np.rint((spacings + (self.beads.overlap - self.width_mm)) / WIDTH_STEP_MM)
+        widths = np.clip(np.round(self.width_mm + WIDTH_STEP_MM * steps, 4), *self.settings.range_mm)
+        return [Path((kept + self.corner_px) * self.scale + self.origin, widths, kind)]
 
 
 def plan_layer(
@@ -132,10 +141,8 @@ def plan_layer(
     room = Room(share_of_cells(solid & ~sparse & ~bridged, size), corner_mm, size * pixel_mm)
     full = [path for path in paths if path.kind != SPARSE]
     full = balanced(full, room, overlap_mm=extra, range_mm=settings.range_mm, step_mm=WIDTH_STEP_MM)
-    to_px = np.array([1, -1]) / pixel_mm
-    pixels = [(path.points_mm[:-1].mean(axis=0) - corner_mm) * to_px - 0.5 for path in full]
     full = filled_spots(
-        full, solid & ~bridged, pixels, pixel_mm, overlap_mm=extra, range_mm=settings.range_mm, wanted=SPOT_WANTED
+        full, solid & ~bridged, corner_mm, pixel_mm, overlap_mm=extra, range_mm=settings.range_mm, wanted=SPOT_WANTED
     )
     return full + crossed + [path for path in paths if path.kind == SPARSE]
 
@@ -187,9 +194,8 @@ def _bridges(sheet: _Sheet, remaining: Field, body: Rows, bridges: Sequence[Brid
         if body.any():
             where = where & ~dilate(body, remaining.shape[1], (inset_px, inset_px))
         field = field_within(remaining, where, np.float32((0.5 - INFILL_OVERLAP) * usual))
-        for points in rectilinear(field, bridge.angle, usual / sheet.pixel_mm, -0.3 * usual, sheet.corner_px):
-            if length(points) * sheet.pixel_mm > sheet.width_mm / 2:
-                paths += sheet.path(np.column_stack([points, np.full(len(points), usual)]), BRIDGE)
+        for points in _lines(sheet, field, bridge.angle, usual / sheet.pixel_mm):
+            paths += sheet.path(_wide(points, usual), BRIDGE)
     return paths, bridged
 
 
@@ -240,40 +246,38 @@ def _infill(
             where = where & ~dilate(rest, width, (inset_px, inset_px))
         field = field_within(remaining, where, np.float32((0.5 - INFILL_OVERLAP) * usual))
         spacing_px = usual / share / sheet.pixel_mm
-        for points in rectilinear(field, turn, spacing_px, -0.3 * usual, sheet.corner_px):
-            if length(points) * sheet.pixel_mm <= sheet.width_mm / 2:
-                continue
+        for points in _lines(sheet, field, turn, spacing_px):
             for part, on_top in _parted(points, bare) if share == 1.0 else [(points, False)]:
                 kind = SPARSE if share < 1.0 else TOP if on_top else SOLID
-                paths += sheet.path(np.column_stack([part, np.full(len(part), usual)]), kind)
+                paths += sheet.path(_wide(part, usual), kind)
     return paths, body & ~solid
 
 
-def _parted(points: Floats, mask: Rows) -> list[tuple[Floats, bool]]:
-    """A polyline (n, 2) cut where it enters or leaves a mask (packed), and whether each part lies in it.
+def _lines(sheet: _Sheet, field: Field, angle: float, spacing_px: float) -> list[Floats]:
+    """`rectilinear` where the field is above 0, without what is shorter than half a bead is wide."""
+    least, shortest_px = -0.3 * sheet.beads.usual, sheet.width_mm / 2 / sheet.pixel_mm
+    return rectilinear(field, angle, spacing_px, least, sheet.corner_px, shortest_px)
 
-    It is looked at every pixel; parts touch where they are cut.
-    """
-    steps = np.maximum(np.ceil(np.hypot(*np.diff(points, axis=0).T)).astype(np.int64), 1)
-    at = np.concatenate([np.arange(n) / n + k for k, n in enumerate(steps)] + [[float(len(steps))]])
-    x = np.interp(at, np.arange(len(points)), points[:, 0])
-    y = np.interp(at, np.arange(len(points)), points[:, 1])
-    column, row = np.rint(x).astype(np.int64), np.rint(y).astype(np.int64)
-    inside = (mask[row, column >> 6] >> (column & 63).astype(np.uint64) & np.uint64(1)).astype(np.bool_)
-    cuts = np.flatnonzero(inside[1:] != inside[:-1]) + 1
-    parts = []
-    for first, last in pairwise([0, *cuts.tolist(), len(at) - 1]):
-        corners = (at == np.floor(at)) & (np.arange(len(at)) > first) & (np.arange(len(at)) < last)
-        chosen = [first, *np.flatnonzero(corners).tolist(), last]
-        if last > first:
-            parts.append((np.column_stack([x[chosen], y[chosen]]), bool(inside[first])))
-    return parts
+
+def _wide(points: Floats, spacing_mm: float) -> Floats:
+    """(n, 2) x, y → (n, 3) with the spacing."""
+    out = np.empty((len(points), 3))
+    out[:, :2], out[:, 2] = points, spacing_mm
+    return out
+
+
+def _parted(points: Floats, mask: Rows) -> list[tuple[Floats, bool]]:
+    """A polyline (n, 2) cut where it enters or leaves a mask (packed), and whether each part lies in it."""
+    cut, starts, inside = parted(np.ascontiguousarray(points), mask)
+    return [(cut[a:b], within) for (a, b), within in zip(pairwise(starts.tolist()), inside.tolist(), strict=True)]
 
 
 def bordered(rows: Rows, box: tuple[int, int, int, int]) -> Rows:
     """What of packed rows lies in a box of rows and words, with an empty row and word on each side."""
     y0, y1, w0, w1 = box
-    return np.pad(rows[y0:y1, w0:w1], 1)
+    out = np.zeros((y1 - y0 + 2, w1 - w0 + 2), np.uint64)
+    out[1:-1, 1:-1] = rows[y0:y1, w0:w1]
+    return out
 
 
 def _open_parts(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from layerfix.bits import pack, unpack
+from layerfix.fdm.chains import lengths_of
 from layerfix.fdm.fields import (
     NO_LEVEL,
     bits_above,
@@ -23,7 +24,7 @@ from layerfix.fdm.fields import (
 )
 from layerfix.fdm.level_sets import level_loops
 from layerfix.fdm.single_beads import bead_lines
-from layerfix.layers.components import smaller_than
+from layerfix.layers.components import components_at, smaller_than
 from layerfix.layers.flood import flood
 from layerfix.layers.morphology import dilate
 from layerfix.layers.skeleton import thinned_rows
@@ -44,6 +45,7 @@ WEIGHTS /= 2 * WEIGHTS.sum() - WEIGHTS[0]
 SPOT = 25.0  # thick parts of fewer square spacings than this get no infill
 # Square spacings inside a loop that is no loop where single beads come together: in walls, and in what they leave.
 KNOT, SMALL_KNOT = 2.0, 1.0
+SHORTEST_LOOP = 0.6  # of the narrowest spacing: a shorter one is left out
 LEAST_GAP = 0.7  # of the narrowest spacing: what is thinner is left open
 
 
@@ -94,7 +96,7 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
     anchor = bits_above(remaining, np.float32(beads.thick / 2))
     skeleton = thinned_rows(region, anchor, width, radius_px)
     thick = dilate(anchor, width, (radius_px, radius_px)) & region
-    local = np.zeros_like(remaining)
+    local = np.zeros(remaining.shape, np.float32)
     chains: list[Floats] = []
     rows, columns = pixels_of(skeleton & ~anchor)
     middle = middles(remaining, skeleton, rows, columns)
@@ -123,12 +125,9 @@ def plan_ring(remaining: Field, half: Field, beads: Beads, pixel_mm: float, *, l
         blocked = unpack(thick | inside, width)
         chains = bead_lines(*line, np.where(blocked, 0, remaining), pixel_mm, beads.range, dots=feature)
     points[:, 2] *= 2
-    found = [
-        np.concatenate([points[a:b], points[a : a + 1]])
-        for a, b in pairwise(starts)
-        if length(points[a:b]) * pixel_mm > 0.6 * beads.narrowest
-    ]
-    return Ring(found, chains, thick)
+    long = (lengths_of(points, starts) > SHORTEST_LOOP * beads.narrowest / pixel_mm).tolist()
+    bounds = zip(pairwise(starts.tolist()), long, strict=True)
+    return Ring([np.concatenate([points[a:b], points[a : a + 1]]) for (a, b), kept in bounds if kept], chains, thick)
 
 
 def _single_knots(
@@ -166,8 +165,6 @@ def _paint_lobes(local: Field, remaining: Field, thick: Rows, beads: Beads, pixe
     The deepest pixel of each such part tells its thickness. Corners of thick parts are none. Lobes that hold one bead
     only are reached by the neck's own.
     """
-    import cv2
-
     width = remaining.shape[1]
     for _ in range(4):  # behind a lobe may be another
         parts = bits_unexplained(remaining, local, thick, np.float32(beads.one / 2), np.float32(pixel_mm / 2))
@@ -177,15 +174,9 @@ def _paint_lobes(local: Field, remaining: Field, thick: Rows, beads: Beads, pixe
         rows, columns = pixels_of(parts)
         if not len(rows):
             return
-        _, labels = cv2.connectedComponents(unpack(parts, width).view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
-        part = labels[rows, columns]
+        part, _ = components_at(parts, columns, rows)
         order = np.lexsort((-remaining[rows, columns], part))
-        deepest = order[np.flatnonzero(np.diff(part[order], prepend=0))]
+        deepest = order[np.flatnonzero(np.diff(part[order], prepend=-1))]
         rows, columns = rows[deepest], columns[deepest]
         thickness = 2 * remaining[rows, columns]
         paint_balls(local, rows, columns, thickness / np.float32(2 * pixel_mm), thickness)
-
-
-def length(points: Floats) -> float:
-    """Of a polyline, (n, 2) or more columns, in its own unit."""
-    return float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum())

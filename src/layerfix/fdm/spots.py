@@ -25,7 +25,7 @@ LET_BE = 0.04
 def filled_spots(
     paths: Sequence[Path],
     solid: Rows,
-    pixels: Sequence[NDArray[np.float64]],
+    corner_mm: NDArray[np.float64],
     pixel_mm: float,
     *,
     overlap_mm: float,
@@ -33,12 +33,13 @@ def filled_spots(
     wanted: float,
 ) -> list[Path]:
     """The paths, those on components (8-connected) of `solid` (packed) under LARGEST_MM2 so wide that they lay
-    `wanted` of its area, within the widths that the nozzle lays. `pixels` are (x, y) on each path."""
+    `wanted` of its area, within the widths that the nozzle lays. `corner_mm` is the upper left corner of `solid`."""
     small = smaller_than(solid, LARGEST_MM2 / pixel_mm**2)
     if not small.any() or not paths:
         return list(paths)
     rows, columns = pixels_of(small)
-    x, y = np.rint(np.array(pixels)).astype(np.int64).T
+    middles = np.array([path.points_mm[:-1].mean(axis=0) for path in paths])
+    x, y = np.rint((middles - corner_mm) * np.array([1, -1]) / pixel_mm - 0.5).astype(np.int64).T
     near = dilate(small, 64 * small.shape[1], (2.5, 2.5))  # a bead across a neck may have its middle beside it
     on = (near[y, x >> 6] >> (x & 63).astype(np.uint64) & np.uint64(1)).astype(np.bool_)
     number, _ = components_at(small, np.concatenate([columns, x]), np.concatenate([rows, y]))

@@ -12,6 +12,7 @@ The kernels work on `layerfix.layers.columns`.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,8 +31,9 @@ if TYPE_CHECKING:
 HALF_WIDTHS = types.Array(types.int64, 1, "C", readonly=True)
 
 
+@lru_cache(maxsize=1000)
 def disc_half_widths(rx_px: float, ry_px: float) -> NDArray[np.int64]:
-    """Half the width of F in each row: entry |dy| is the largest |dx| in F; (floor(ry) + 1,) int64.
+    """Half the width of F in each row: entry |dy| is the largest |dx| in F; (floor(ry) + 1,) int64, read-only.
 
     Raises InputError unless both radii are above 0 and finite.
     """
@@ -41,7 +43,9 @@ def disc_half_widths(rx_px: float, ry_px: float) -> NDArray[np.int64]:
     room = np.maximum(1 + 1e-9 - (rows / ry_px) ** 2, 0)
     guess = np.floor(rx_px * np.sqrt(room)).astype(np.int64) + 1
     inside = (guess / rx_px) ** 2 + (rows / ry_px) ** 2 <= 1 + 1e-9
-    return np.where(inside, guess, guess - 1)
+    half_widths = np.where(inside, guess, guess - 1)
+    half_widths.flags.writeable = False
+    return half_widths
 
 
 @njit

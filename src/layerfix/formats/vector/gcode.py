@@ -109,7 +109,7 @@ def write(path: FilePath, stack: LayerStack, options: GcodeOptions) -> None:
                 paths, no_room = without_skirt_off_the_bed(paths, nozzle.offset_mm, printer)
             moves, seconds = nozzle.moves(paths)
             used.add(paths, moves, seconds, top)
-            file.write(text.layer(moves, paths.z_mm).encode())
+            file.write(text.layer(moves, paths.z_mm))
             if index == 0:
                 file.write(text.after_first_layer().encode())
         end = filled(printer.end_gcode or "", printer).strip("\n")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from layerfix.fdm.beads import BRIDGE, KINDS
-from layerfix.fdm.moves import LIFT, RETRACT, TRAVEL
+from layerfix.formats.vector.gcode_lines import lines_of_moves
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,12 +18,6 @@ if TYPE_CHECKING:
 
     Indices = NDArray[np.int64]
 
-LINES = {
-    0: "G1 X%.3f Y%.3f E%.5f\n",
-    TRAVEL: "G1 X%.3f Y%.3f F%.0f\n",
-    LIFT: "G1 Z%.6g F%.0f\n",
-    RETRACT: "G1 E%.5f F%.0f\n",
-}
 BRIDGE_KIND = KINDS.index(BRIDGE)
 
 
@@ -41,7 +35,7 @@ class Text:
     def relative(self) -> bool:
         return bool(self.printer.relative_extrusion)
 
-    def layer(self, moves: Moves, z_mm: tuple[float, float]) -> str:
+    def layer(self, moves: Moves, z_mm: tuple[float, float]) -> bytes:
         """All lines of a layer; `;TYPE:`, `;WIDTH:`, the feedrate and the fan where they change."""
         bottom, top = z_mm
         head = f";LAYER_CHANGE\n;Z:{top:.6g}\n;HEIGHT:{top - bottom:.6g}\n"
@@ -51,19 +45,12 @@ class Text:
         e = moves.e_mm if self.relative else self.e_mm + np.cumsum(moves.e_mm)
         self.e_mm = float(e[-1])
         feedrate = np.rint(60 * moves.mm_s)
-        x, y, z = moves.to_mm.T
-        kind = np.minimum(moves.kind, 0)
-        nothing = np.full(len(moves), np.nan)
-        values = np.select(  # the numbers of each line of LINES, in order
-            [kind[:, None] == 0, kind[:, None] == TRAVEL, kind[:, None] == LIFT],
-            [np.column_stack([x, y, e]), np.column_stack([x, y, feedrate]), np.column_stack([z, feedrate, nothing])],
-            np.column_stack([e, feedrate, nothing]),
-        )
-        lines = np.array([LINES[k] for k in (0, TRAVEL, LIFT, RETRACT)], object)[-kind]
+        data, starts = lines_of_moves(moves.kind, moves.to_mm, e, feedrate)
+        lines, pieces, written = data.tobytes(), [head.encode()], 0
         for k, before in self._told(moves, feedrate):
-            lines[k] = before + lines[k]
-        flat = values[~np.isnan(values)]
-        return head + "".join(lines.tolist()) % tuple(flat.tolist())
+            pieces += [lines[written : starts[k]], before.encode()]
+            written = starts[k]
+        return b"".join([*pieces, lines[written:]])
 
     def _told(self, moves: Moves, feedrate: NDArray[np.float64]) -> list[tuple[int, str]]:
         """(move, lines before it) of all beads before which something changes."""
