@@ -63,6 +63,7 @@ BORDER_PX = 0.95  # lines reach so far past the last pixel of their region
 WIDTH_SHARE = 0.4  # a width may be off by that much more: 30 µm, in steps of WIDTH_STEP_MM
 WIDTH_STEP_MM = 0.02
 INFILL_OVERLAP = 0.1  # of a spacing, by which infill reaches into the innermost perimeter
+SAME_MM = 1e-9
 SPOT_WANTED = 0.96  # of a small part's material
 DEPTH = 3  # spacings: how much deeper than the perimeters the distance to the edge is asked for
 LEFT = 0.9  # of the narrowest spacing: what is open so wide, and not inside, gets a spot of its own
@@ -105,22 +106,35 @@ class _Sheet:
         return [Path((kept + self.corner_px) * self.scale + self.origin, widths, kind)]
 
 
-def plan_layer(
-    below: Sequence[Layer],
-    layer: Layer,
-    above: Sequence[Layer],
-    *,
-    settings: PathSettings,
-    pixel_mm: float,
-    origin_mm: tuple[float, float],
-    width_mm: float,
-    index: int,
-    bridges: Sequence[Bridge] = (),
-) -> list[Path]:
-    """The paths of a layer, in no order; `below` and `above` are its nearest neighbours (`each_with_neighbours`)."""
+@dataclass(frozen=True)
+class Perimeters:
+    """What of a layer's beads depends on its pixels alone, and what the rest is planned on.
+
+    paths      perimeters, single beads and gap fill
+    body       where infill goes, packed, in the bordered box
+    solid      the layer's pixels there
+    remaining  mm from the edge of what has no bead yet
+    """
+
+    sheet: _Sheet
+    paths: tuple[Path, ...]
+    body: Rows
+    solid: Rows
+    remaining: Field
+
+    def are_of(self, layer: Layer, width_mm: float) -> bool:
+        """Whether a layer of the same pixels, with beads of this width, has the same."""
+        extra = overlap_mm(layer.z_mm[1] - layer.z_mm[0])
+        return self.sheet.width_mm == width_mm and abs(self.sheet.beads.overlap - extra) < SAME_MM
+
+
+def perimeters_of(
+    layer: Layer, *, settings: PathSettings, pixel_mm: float, origin_mm: tuple[float, float], width_mm: float
+) -> Perimeters | None:
+    """The rings of a layer; None if it is empty."""
     box = bounding_box(layer.rows)
     if not box[1]:
-        return []
+        return None
     extra = overlap_mm(layer.z_mm[1] - layer.z_mm[0])
     low, high = settings.range_mm
     beads = Beads(width_mm - extra, low - extra, high - extra, extra)
@@ -129,15 +143,31 @@ def plan_layer(
     reach_px = math.ceil((settings.perimeters + DEPTH) * beads.usual / pixel_mm)
     remaining: Field = edge_distance(solid, np.float32(reach_px), np.float32(pixel_mm), np.float32(extra / 2))
     paths, body = _rings(sheet, remaining)
+    return Perimeters(sheet, tuple(paths), body, solid, remaining)
+
+
+def plan_layer(
+    perimeters: Perimeters,
+    below: Sequence[Layer],
+    layer: Layer,
+    above: Sequence[Layer],
+    *,
+    index: int,
+    bridges: Sequence[Bridge] = (),
+) -> list[Path]:
+    """The paths of a layer, in no order; `below` and `above` are its nearest neighbours (`each_with_neighbours`)."""
+    sheet, solid, remaining = perimeters.sheet, perimeters.solid, perimeters.remaining
+    settings, pixel_mm, extra = sheet.settings, sheet.pixel_mm, sheet.beads.overlap
+    paths, body = [*perimeters.paths], perimeters.body.copy()
     sparse, bridged = np.zeros_like(body), np.zeros_like(body)
     crossed: list[Path] = []
     if body.any():
-        open_parts = _open_parts(below, layer, above, settings, beads.usual / pixel_mm)
+        open_parts = _open_parts(below, layer, above, settings, sheet.beads.usual / pixel_mm)
         crossed, bridged = _bridges(sheet, remaining, body, bridges)
         infill, sparse = _infill(sheet, remaining, body, open_parts, index)
         paths += infill
     size = max(round(CELL_MM / pixel_mm), 1)
-    corner_mm = (sheet.corner_px - 0.5) * np.array([pixel_mm, -pixel_mm]) + np.array(origin_mm)
+    corner_mm = (sheet.corner_px - 0.5) * sheet.scale + sheet.origin
     room = Room(share_of_cells(solid & ~sparse & ~bridged, size), corner_mm, size * pixel_mm)
     full = [path for path in paths if path.kind != SPARSE]
     full = balanced(full, room, overlap_mm=extra, range_mm=settings.range_mm, step_mm=WIDTH_STEP_MM)

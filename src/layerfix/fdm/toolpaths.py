@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
 from layerfix.errors import InputError
 from layerfix.fdm.arrange import arranged, skirt
-from layerfix.fdm.beads import LayerPaths
+from layerfix.fdm.beads import LayerPaths, Path
 from layerfix.fdm.bridges import OverAir, over_air
-from layerfix.fdm.layer_plan import plan_layer
+from layerfix.fdm.layer_plan import Perimeters, perimeters_of, plan_layer
 from layerfix.fdm.settings import PathSettings
 from layerfix.fdm.travel import ways_inside
+from layerfix.layers.latest import Latest
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class Toolpaths(Sequence[LayerPaths]):
     stack: LayerStack
     settings: PathSettings
     width_mm: NDArray[np.float64]  # (layers,)
+    latest: Latest[Perimeters] = field(default_factory=Latest, repr=False)
 
     def __len__(self) -> int:
         return len(self.stack)
@@ -77,9 +79,20 @@ class Toolpaths(Sequence[LayerPaths]):
         touching_above = int(apart[apart > k].min(initial=len(stack))) - 1 - k
         below, above = below[max(len(below) - touching_below, 0) :], above[:touching_above]
         air = over_air(below[-1] if below else None, layer, stack, width) if k else OverAir()
-        paths = plan_layer(below, layer, above, settings=self.settings, pixel_mm=stack.pixel_mm[0],
-                           origin_mm=stack.origin_mm, width_mm=width, index=k,
-                           bridges=air.bridges)  # fmt: skip
+        perimeters = self.latest.of(layer)
+        if perimeters is None or not perimeters.are_of(layer, width):
+            perimeters = perimeters_of(
+                layer,
+                settings=self.settings,
+                pixel_mm=stack.pixel_mm[0],
+                origin_mm=stack.origin_mm,
+                width_mm=width,
+            )
+        if perimeters is None:
+            paths: list[Path] = []
+        else:
+            self.latest.keep(layer, perimeters)
+            paths = plan_layer(perimeters, below, layer, above, index=k, bridges=air.bridges)
         ordered, parts, small = arranged(paths, layer, stack, self.settings, k)
         ways = ways_inside(ordered, parts, layer.rows, stack)
         if k == 0 and self.settings.skirt_loops and ordered:
