@@ -22,6 +22,7 @@ from layerfix.cli.shared import (
     kernels_ready,
     options_from,
     rows_text,
+    terminal,
 )
 from layerfix.cli.types import Length, Weights
 
@@ -134,20 +135,26 @@ def searching(name: str) -> Iterator[Callable[[State], None]]:
 
     A Ctrl-C whose exception something swallowed is raised once more.
     """
-    from rich.console import Console
+    stopped: list[int] = click.get_current_context().obj or []
+    raised: list[int] = []
+
+    def stop_if_told() -> None:
+        if stopped and not raised:
+            raised.append(1)
+            raise KeyboardInterrupt
+
+    console = terminal()
+    if console is None:
+        yield lambda state: stop_if_told()
+        return
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-    stopped: list[int] = click.get_current_context().obj or []
-    console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    raised: list[int] = []
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(f"turning {name}", total=None)
 
         def show(state: State) -> None:
-            if stopped and not raised:
-                raised.append(1)
-                raise KeyboardInterrupt
+            stop_if_told()
             best = f", best {state.best:.3f}" if state.best == state.best else ""
             bar.update(task, description=f"{state.doing}{best}", completed=state.done, total=state.total)
 

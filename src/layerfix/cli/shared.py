@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,8 @@ from layerfix.cli.types import Length, Pitch, Scale
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from layerfix.commands.options import Options
     from layerfix.commands.summary import Summary
 
@@ -34,6 +37,8 @@ SCHEDULER = cloup.option(
 FORCE = cloup.option("--force", is_flag=True, help="Replace outputs that exist.")
 # Set to "lines", progress is told a program that shows it in its own way.
 PROGRESS = "LAYERFIX_PROGRESS"
+# With one of these set, a pipe counts as a terminal (rich, "Environment variables").
+FORCED = {"FORCE_COLOR", "TTY_COMPATIBLE"}
 JSON = cloup.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 
 
@@ -68,29 +73,35 @@ def with_codes(given: dict[str, Any]) -> dict[str, Any]:
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     """A bar with the time left on a terminal; in a pipe nothing, or lines for a program that has a bar of its own."""
-    from rich.console import Console
+    stopped = click.get_current_context().obj
+    console = terminal()
+    if console is None:
+        yield _lines(stopped) if os.environ.get(PROGRESS) == "lines" else lambda done, total: _abort_if(stopped)
+        return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    stopped = click.get_current_context().obj
-    console = Console(stderr=True)
-    if not console.is_terminal and os.environ.get(PROGRESS) == "lines":
-        yield _lines(stopped)
-        return
+    from layerfix.kernels import compiling_told
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=None)
 
         def show(done: int, total: int) -> None:
             _abort_if(stopped)
             bar.update(task, description=what, completed=done, total=total)
 
-        if not console.is_terminal:
-            yield show
-            return
-        from layerfix.kernels import compiling_told
-
         with compiling_told(lambda _: bar.update(task, description="compiling kernels (once) …")):
             yield show
+
+
+def terminal() -> Console | None:
+    """Where progress is drawn; None in a pipe, for which nothing has to be loaded that draws."""
+    if sys.stderr is None or not (sys.stderr.isatty() or FORCED & os.environ.keys()):
+        return None
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    return console if console.is_terminal else None
 
 
 def _lines(stopped: list[int] | None) -> Callable[[int, int], None]:
@@ -110,11 +121,9 @@ def _lines(stopped: list[int] | None) -> Callable[[int, int], None]:
 @contextmanager
 def kernels_ready() -> Iterator[None]:
     """Say so if the block takes long: the first run on a machine compiles the kernels and keeps them."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
+    console = terminal()
     stopped = click.get_current_context().obj
-    if not console.is_terminal:
+    if console is None:
         yield
         _abort_if(stopped)
         return
