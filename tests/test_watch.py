@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import time
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from layerfix.commands.fix import fix
 from layerfix.commands.options import options_of
 from layerfix.commands.watch import JOURNAL, LOCK, LOG, MAKING, Event, Watch
 from layerfix.errors import InputError, OutputError
+from tests.independent_readers import png_bytes
 from tests.making import contents, start_layerfix, thin_part, write_stl
 
 OPTIONS = options_of(None, {"min_feature_mm": 0.4})
@@ -165,6 +167,35 @@ def test_a_failed_job_is_told_once_and_tried_again_when_it_changes(tmp_path):
     assert [e.event for e in look_once(into, out)] == ["corrected"]
 
 
+def test_what_failed_for_an_option_is_tried_again_with_another(tmp_path):
+    """Images that do not say their pitch, then with it; what is done stays done."""
+    into, out = folders(tmp_path)
+    with zipfile.ZipFile(into / "a.zip", "w") as archive:
+        for k in range(2):
+            archive.writestr(f"{k}.png", png_bytes(255 * fin(40)[80:164, :128].astype(np.uint8)))
+    (failure,) = look_once(into, out)
+    assert (failure.event, "give --printer, or --pixel" in failure.why) == ("failed", True)
+    assert look_once(into, out) == []
+    images = options_of(None, {"min_feature_mm": 0.4, "pixel_mm": (0.05, 0.05), "layer_mm": 0.1})
+    assert [e.event for e in look_once(into, out, images)] == ["corrected"]
+    assert look_once(into, out) == []
+
+
+def test_what_is_no_job_is_skipped_and_told_once(tmp_path):
+    """A table and G-code are; a job that is broken or of a kind that cannot be read has failed."""
+    into, out = folders(tmp_path)
+    (into / "table.csv").write_text("layer,mm\n")
+    (into / "part.gcode").write_text("G1 X1 Y1 E1\n")
+    (into / "more").mkdir()
+    write_stl(into / "more" / "part.stl", thin_part())
+    (into / "broken.sl1s").write_bytes(b"PK no zip at all")
+    (into / "locked.ctb").write_bytes(b"\x07\x01\xfd\x12" + bytes(100))
+    told = {e.job: e.event for e in look_once(into, out)}
+    assert told == {"table.csv": "skipped", "part.gcode": "skipped", "more": "skipped", "broken.sl1s": "failed",
+                    "locked.ctb": "failed"}  # fmt: skip
+    assert look_once(into, out) == []
+
+
 def test_what_somebody_else_wrote_is_not_replaced(tmp_path):
     """A file of that name that is not ours: the job fails, the file stays; with --force it goes."""
     into, out = folders(tmp_path)
@@ -183,7 +214,7 @@ def test_folders_of_images_and_meshes_are_jobs_too(tmp_path):
     into, out = folders(tmp_path)
     stack = LayerStack.from_images([fin(40)[80:164, :128]], pixel_mm=0.05, layer_mm=0.05)
     write(into / "layers", stack)
-    (into / "other").mkdir()
+    (into / "empty").mkdir()
     write_stl(into / "part.stl", thin_part())
     images = options_of(None, {"min_feature_mm": 0.4, "pixel_mm": (0.05, 0.05), "layer_mm": 0.1})
     assert {e.event for e in look_once(into, out, images)} == {"corrected"}

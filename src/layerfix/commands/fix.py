@@ -74,6 +74,7 @@ def fix(
             f" {format_mm(min_feature_mm)}: it would take away what was corrected"
         )
     told = [*doubts(tolerance_mm, paths, min_feature_mm), *_doubts_of(stack, options)]
+    told += _told_of_surface(surface, mesh, options)
     fixed = as_asked(stack, placed, mode, options)
     done: list[Layer] = []
 
@@ -155,6 +156,27 @@ def _surface(target: Path, stack: LayerStack, options: Options) -> Kind | None:
         raise InputError("--surface smooth is of all layers; take --surface voxels for some")
     kind: Kind = given
     return kind
+
+
+def _told_of_surface(surface: Kind | None, mesh: Mesh | None, options: Options) -> list[str]:
+    """A word about a mesh that becomes its layers because of an option that is not about surfaces."""
+    if surface != "layers" or mesh is None or options.output.get("surface") is not None:
+        return []
+    how = options.correction
+    reasons = {
+        "--keep-gaps": how.keep_gaps_mm is not None,
+        "--keep-out": how.keep_out is not None,
+        "--min-layers": (how.min_layers or 1) > 1,
+        "--layers": options.run.layers is not None,
+        "--fill": (options.slicing.fill or "nonzero") != "nonzero",
+    }
+    named = [option for option, given in reasons.items() if given]
+    if not named:
+        return []
+    return [
+        f"because of {' and '.join(named)} the surface is that of the layers, with their steps, not the smooth one;"
+        " --surface voxels keeps the part's own where nothing changed"
+    ]
 
 
 def _mode(target: Path, stack: LayerStack, surface: Kind | None, options: Options) -> Mode:

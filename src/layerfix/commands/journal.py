@@ -16,7 +16,7 @@ from typing import Any, Literal
 from layerfix.errors import InputError, OutputError
 from layerfix.files import whole_file
 
-State = Literal["begun", "finished", "done", "failed"]
+State = Literal["begun", "finished", "done", "failed", "skipped"]
 SCHEMA_VERSION = 1
 
 
@@ -31,8 +31,11 @@ class Signature:
 
 @dataclass(frozen=True)
 class Job:
-    """One job: begun (its output is in the making), finished (its output is whole, not yet in its place), done, or
-    failed, with why. written: an output of that name is ours, of this or of an earlier job.
+    """One job: begun (its output is in the making), finished (its output is whole, not yet in its place), done,
+    failed, with why, or skipped, since it is none.
+
+    written  an output of that name is ours, of this or of an earlier job
+    options  a digest of those that it failed with
     """
 
     state: State
@@ -40,6 +43,7 @@ class Job:
     sha256: str
     why: str = ""
     written: bool = False
+    options: str = ""
 
 
 @dataclass

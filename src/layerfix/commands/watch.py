@@ -7,11 +7,13 @@ begun again, or whole and to be moved.
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,8 @@ from layerfix.commands.project import fix_file as fix
 from layerfix.commands.summary import Summary
 from layerfix.errors import InputError, LayerfixError, OutputError
 from layerfix.files import check_target, put_in_place
+from layerfix.formats import find_format
+from layerfix.formats.table import rows
 
 JOURNAL, MAKING, LOCK, LOG = (
     ".layerfix-watch.json",
@@ -33,9 +37,10 @@ UNFINISHED = ("", ".part", ".partial", ".tmp", ".temp", ".crdownload", ".downloa
 
 @dataclass(frozen=True)
 class Event:
-    """What happened to a job: `corrected`, `failed`, or `changed` (while it was read: it is begun again).
+    """What happened to a job: `corrected`, `failed`, `changed` (while it was read: it is begun again), or `skipped`
+    (it is no job).
 
-    summary: what `fix` did, of a corrected one; why: of a failed one
+    summary: what `fix` did, of a corrected one; why: of one that failed or was skipped
     """
 
     event: str
@@ -125,17 +130,27 @@ class Watch:
         for path in self.folder.iterdir():
             signature = signature_of(path) if self._is_job(path) else None
             known = self.journal.jobs.get(path.name)
-            settled = known is not None and known.state in ("done", "failed") and known.signature == signature
-            if signature is not None and not settled:
+            if signature is not None and not (
+                known is not None and known.signature == signature and self._settled(known)
+            ):
                 found.append((path, signature))
         return sorted(found, key=lambda one: (one[1].mtime_ns, one[0].name))
 
+    def _settled(self, known: Job) -> bool:
+        """Whether nothing is to be done as long as it is the same; what failed is tried again with other options."""
+        return known.state in ("done", "skipped") or (known.state == "failed" and known.options == self._asked)
+
+    @cached_property
+    def _asked(self) -> str:
+        return hashlib.blake2b(repr(self.options).encode(), digest_size=8).hexdigest()
+
     def _is_job(self, path: Path) -> bool:
-        """By its name alone: a file that is not hidden, nor called as unfinished ones are; a folder with images."""
+        """By its name alone: a file that is not hidden, nor called as unfinished ones are; a folder with something in
+        it."""
         if path.name.startswith(".") or path.resolve() == self.out.resolve():
             return False
         if path.is_dir():
-            return any(path.glob("*.png"))
+            return any(not one.name.startswith(".") for one in path.iterdir())
         return path.is_file() and path.suffix.lower() not in UNFINISHED
 
     def _take(self, path: Path, signature: Signature) -> bool:
@@ -147,8 +162,12 @@ class Watch:
         except InputError:  # it has gone, or is still being written under a lock
             return False
         job = Job("begun", signature, sha256, written=known is not None and known.written)
-        if known is not None and known.state in ("done", "failed") and known.sha256 == sha256:
+        if known is not None and self._settled(known) and known.sha256 == sha256:
             self.journal.set(name, replace(known, signature=signature))  # touched, not changed
+            return False
+        if (why := _no_job(path)) is not None:
+            self.journal.set(name, replace(job, state="skipped", why=why))
+            self._say("skipped", name, target, why=why)
             return False
         try:
             check_target(target, force=self.options.run.force or job.written)
@@ -160,7 +179,7 @@ class Watch:
         except LayerfixError as problem:
             if signature_of(path) != signature:
                 return self._changed(name, job, target)
-            self.journal.set(name, replace(job, state="failed", why=str(problem)))
+            self.journal.set(name, replace(job, state="failed", why=str(problem), options=self._asked))
             self._say("failed", name, target, why=str(problem).replace(str(making), str(target)))
             return True
         if signature_of(path) != signature:
@@ -180,3 +199,17 @@ class Watch:
         with (self.out / LOG).open("a", encoding="utf-8") as file:
             file.write(said.line() + "\n")
         self.tell(said)
+
+
+def _no_job(path: Path) -> str | None:
+    """Why a file is none that is corrected: nothing in it is known, nor is what it is called; or a folder, for it has
+    no images. None of a job, even of one that cannot be read."""
+    if path.is_dir():
+        return None if any(path.glob("*.png")) else f"{path}: a folder without PNG images; only those are jobs"
+    try:
+        find_format(path)
+    except InputError as problem:
+        named = (row for row in rows() if path.suffix.lower() in row.suffixes)
+        if not any(row.layers or row.mesh or not row.writers for row in named):
+            return str(problem)
+    return None

@@ -22,7 +22,8 @@ from layerfix.files import already_written, check_apart, check_input, check_targ
 from layerfix.formats import write
 from layerfix.formats.solid.width_files import SLICERS
 from layerfix.layers.widths import Rule, Widths, suggest_widths
-from layerfix.units import format_mm
+from layerfix.mesh.empty import empty_between
+from layerfix.units import counted, format_mm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from layerfix.fdm.speeds import ByArea
     from layerfix.formats.options import Own
     from layerfix.printers import Printer
-    from layerfix.stack import Layer
+    from layerfix.stack import Gaps, Layer
 
 SUFFIXES = (".3mf", ".gcode", ".csv", ".json", *DRAWINGS)
 
@@ -117,24 +118,62 @@ def suggest(
     feature_mm = options.correction.min_feature_mm or low
     mesh, stack, _ = open_part(source, replace(options, correction=Correction(feature_mm)))
     stack = stack.with_workers(options.run.workers)
+    gaps: list[Gaps] = []
     suggested = suggest_widths(
-        stack, min_mm=low, max_mm=high, step_mm=wanted.step_mm, loss_mm=wanted.loss_mm, rule=wanted.rule
+        stack.map(_Gathering(gaps), pixels_only=True),
+        min_mm=low,
+        max_mm=high,
+        step_mm=wanted.step_mm,
+        loss_mm=wanted.loss_mm,
+        rule=wanted.rule,
     )
     layer_mm = float(np.median(stack.z_mm[:, 1] - stack.z_mm[:, 0]))
     height_mm = 5 * layer_mm if wanted.band_height_mm is None else wanted.band_height_mm
     chosen = banded(suggested, wanted.bands, min_height_mm=height_mm)
     summary = _add_up(source, targets, suggested, chosen, printer, settings, started)
-    told: list[str] = list(stack.notes)
-    plan = WidthPlan(mesh, stack, suggested, chosen, printer, settings, asdict(summary))
+    told = [*stack.notes, *_told_of(suggested, gaps, wanted)]
+    bodies = len(mesh.bodies.names) if mesh.bodies is not None else 1
+    if models and bodies > 1:
+        told.append(f"{mesh.name}: its {bodies} bodies become one object of the .3mf")
+    plan = WidthPlan(mesh, stack, suggested, chosen, printer, settings)
 
     def watch(index: int, layer: Layer) -> None:
         progress(index + 1, len(stack))
 
-    for k, path in enumerate(targets):
+    in_order = sorted(targets, key=lambda path: path.suffix.lower() == ".json")  # which says what was told of all
+    for k, path in enumerate(in_order):
         own: Own = {"slicer": wanted.slicer} if path.suffix.lower() == ".3mf" and wanted.slicer else {}
-        with already_written(*targets[:k]):
+        plan = replace(plan, summary=asdict(replace(summary, notes=tuple(told))))
+        with already_written(*in_order[:k]):
             write(path, plan, printer, force=options.run.force, watch=watch, tell=told.append, **own)
     return replace(summary, seconds=time.perf_counter() - started, notes=tuple(told))
+
+
+@dataclass(frozen=True)
+class _Gathering:
+    """Layers as they are; what slicing closed in them is gathered."""
+
+    gaps: list[Gaps]
+
+    def __call__(self, layer: Layer) -> Layer:
+        if layer.gaps is not None:
+            self.gaps.append(layer.gaps)
+        return layer
+
+
+def _told_of(widths: Widths, gaps: Sequence[Gaps], wanted: WidthOptions) -> list[str]:
+    """A word about an open mesh, layers that are empty, and steps of which none was taken."""
+    words = empty_between((widths.area_mm2 > 0).tolist(), widths.z_mm.tolist())
+    if gaps:
+        longest = format_mm(max(gap.longest_mm for gap in gaps))
+        words.append(f"open mesh: gaps closed in {counted(len(gaps), 'layer')}, the longest {longest}")
+    low, high = widths.range_mm
+    if high - low < wanted.step_mm * (1 - 1e-9) and high > low:
+        words.append(
+            f"a step of {format_mm(wanted.step_mm)} is more than the range: only {format_mm(low)} and"
+            f" {format_mm(high)} are tried"
+        )
+    return words
 
 
 def _check(path: Path, source: Path, force: bool) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from layerfix.errors import InputError, OutputError
 from layerfix.files import check_input
-from layerfix.formats.options import Hints, Own, WriteOptions, own_options
+from layerfix.formats.options import Own, WriteOptions, own_options
 from layerfix.formats.probe import Probe
 from layerfix.formats.reopening import reopened
 from layerfix.formats.table import AS_LAYERS, FORMATS, Format, Writer, function, kind_of, recognising, rows
@@ -40,6 +41,7 @@ def read(
     Raises InputError naming the file for one that is missing, unknown, broken or without a pitch, and for a mesh
     (`load_mesh`, `slice_mesh`).
     """
+    from layerfix.formats.hints import Hints
     from layerfix.stack import pitch_mm
 
     if not 1 <= threshold <= 255 or not 0 <= grey_floor <= 255:
@@ -50,6 +52,7 @@ def read(
         raise InputError(f"{path}: a mesh; layers are cut from it: slice_mesh(load_mesh(…), …)")
     hints = Hints(printer, pitch, layer_mm, first_layer_mm, threshold, grey_floor)
     stack: LayerStack = function(found.layers)(probe, hints)
+    stack = replace(stack, notes=(*stack.notes, *hints.told))
     return reopened(stack, found.layers, probe.path, hints)
 
 

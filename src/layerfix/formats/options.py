@@ -25,23 +25,6 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Hints:
-    """What a container may not say about its layers. What is given here wins over the file, and the file over
-    the printer.
-
-    threshold   grey value from which a pixel counts as solid
-    grey_floor  grey value from which a stroke counts that never reaches `threshold`; 0 to ignore such strokes
-    """
-
-    printer: Printer | None = None
-    pixel_mm: tuple[float, float] | None = None
-    layer_mm: float | None = None
-    first_layer_mm: float | None = None
-    threshold: int = 128
-    grey_floor: int = 32
-
-
-@dataclass(frozen=True)
 class WriteOptions:
     """What every writer is told: for which printer, over an existing target or not, and who is told of what.
 

@@ -12,7 +12,7 @@ from layerfix.formats.probe import Probe
 from layerfix.formats.table import function
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import Hints
+    from layerfix.formats.hints import Hints
     from layerfix.stack import Layer, LayerStack
 
 

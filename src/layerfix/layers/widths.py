@@ -244,7 +244,8 @@ def suggest_widths(
     min_mm, max_mm, step_mm  the candidates; a layer that none of them prints unchanged gets min_mm and is `too_thin`
     loss_mm  a loss that does not matter however narrow the bead: tips may come out blunter by so much
     rule     "opening": by what opening the layer loses; "thinning": by where thinning first leaves a line
-    raises   InputError for a range that is none, widths under two pixels, a loss below 0, and an unknown rule
+    raises   InputError for a range that is none, widths under two pixels, a loss below 0 or with the
+             rule "thinning", and an unknown rule
     """
     widths = candidates_mm(min_mm, max_mm, step_mm)
     if not 0 <= loss_mm < np.inf:
@@ -256,6 +257,8 @@ def suggest_widths(
         )
     if rule not in RULES:
         raise InputError(f"rule='{rule}' is not known; choose from {', '.join(RULES)}")
+    if rule == "thinning" and loss_mm:
+        raise InputError(f"a loss of {format_mm(loss_mm)} goes with the rule 'opening'; 'thinning' looks at none")
     features = [feature_of_mm(float(d), stack.pixel_mm) for d in widths]
     discs, blocks = [f.half_widths for f in features], np.array([f.block for f in features], np.int64)
     starts = np.concatenate([[0], np.cumsum([len(d) for d in discs])])

@@ -33,7 +33,6 @@ from layerfix.formats.jobs.container import (
     Totals,
     bounds_of_table,
     container_stack,
-    hinted_pitch,
     repeats_of,
 )
 from layerfix.formats.jobs.zip_job import MAX_PANEL_PX
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
-    from layerfix.formats.options import Hints
+    from layerfix.formats.hints import Hints
     from layerfix.formats.probe import Probe
     from layerfix.layers.grey_image import Greys
     from layerfix.stack import LayerStack
@@ -83,9 +82,7 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     header = _header(path, data)
     places = _table(path, data, header)
     tops = [ENTRY.unpack_from(data, header.table + i * ENTRY_BYTES)[0] for i in range(header.layers)]
-    pixel_mm = hinted_pitch(
-        hints, (round(header.bed_mm[0] / header.width, 6), round(header.bed_mm[1] / header.height, 6))
-    )
+    pixel_mm = hints.pitch((round(header.bed_mm[0] / header.width, 6), round(header.bed_mm[1] / header.height, 6)))
     assert pixel_mm is not None  # the file says it
     z_mm = bounds_of_table(path, tops, hints, lambda z: _bounds(z, header.layer_mm))
     frame = Frame(header.width, header.height, pixel_mm, z_mm)

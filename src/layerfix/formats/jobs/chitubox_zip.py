@@ -11,14 +11,14 @@ import re
 from typing import TYPE_CHECKING
 
 from layerfix.errors import InputError
-from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
+from layerfix.formats.jobs.container import Frame, Spool, Totals
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.png.series import gaps_in
 from layerfix.formats.text_values import machine_name, number_above_0
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import Hints
+    from layerfix.formats.hints import Hints
     from layerfix.formats.probe import Probe
     from layerfix.stack import LayerStack
 
@@ -39,8 +39,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     pitch = None
     if {"machineX", "machineY"} <= values.keys():
         pitch = round(values["machineX"] / width, 6), round(values["machineY"] / height, 6)
-    pixel_mm = hinted_pitch(hints, pitch)
-    layer_mm = hints.layer_mm or values.get("layerHeight") or (hints.printer.layer_mm if hints.printer else None)
+    pixel_mm = hints.pitch(pitch)
+    layer_mm = hints.layer(values.get("layerHeight"))
     if pixel_mm is None or layer_mm is None:
         raise InputError(f"{archive.path}: {GCODE} does not say machineX, machineY and layerHeight; give --printer")
     frame = Frame(width, height, pixel_mm, layer_bounds_mm(len(names), layer_mm, hints.first_layer_mm))

@@ -21,13 +21,14 @@ from layerfix.files import whole_file
 from layerfix.formats.encoding import encoded
 from layerfix.formats.png.decode import Decoded
 from layerfix.layers.grey_source import GreySource, seen_from_above
-from layerfix.stack import Layer, LayerStack, layer_bounds_mm
+from layerfix.stack import Layer, LayerStack
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
-    from layerfix.formats.options import Hints, WriteOptions
+    from layerfix.formats.hints import Hints
+    from layerfix.formats.options import WriteOptions
     from layerfix.layers.grey_image import Greys
 
 
@@ -217,10 +218,8 @@ def bounds_of_table(
     at, which = np.unique(z, return_inverse=True)
     if len(at) == 1 < len(z):
         raise InputError(f"{path}: the layers' heights do not rise")
-    found = layer_bounds_mm(len(at), hints.layer_mm, hints.first_layer_mm) if hints.layer_mm else bounds(at)
-    return found[which]
-
-
-def hinted_pitch(hints: Hints, from_file: tuple[float, float] | None) -> tuple[float, float] | None:
-    """The pitch by the order of precedence: given, the file's, the printer's."""
-    return hints.pixel_mm or from_file or (hints.printer.pixel_mm if hints.printer else None)
+    try:
+        found: NDArray[np.float64] = hints.bounds(bounds(at))[which]
+        return found
+    except InputError as problem:
+        raise InputError(f"{path}: {problem}") from problem

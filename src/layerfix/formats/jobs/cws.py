@@ -12,7 +12,7 @@ import re
 from typing import TYPE_CHECKING
 
 from layerfix.errors import InputError
-from layerfix.formats.jobs.container import Frame, hinted_pitch
+from layerfix.formats.jobs.container import Frame
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.jobs.zips import Archive
 from layerfix.formats.png.rgb_packed import rgb_packer, rgb_unpacker
@@ -21,7 +21,7 @@ from layerfix.formats.text_values import keyed_numbers, number_above_0
 from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import Hints
+    from layerfix.formats.hints import Hints
     from layerfix.formats.probe import Probe
     from layerfix.stack import LayerStack
 
@@ -66,8 +66,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     notes = gaps_in(str(archive.path), names, said)
     width *= 3 if colour == RGB else 1
     pitch = (1 / values["xppm"], 1 / values["yppm"]) if {"xppm", "yppm"} <= values.keys() else None
-    pixel_mm = hinted_pitch(hints, pitch)
-    layer_mm = hints.layer_mm or values.get("thickness") or (hints.printer.layer_mm if hints.printer else None)
+    pixel_mm = hints.pitch(pitch)
+    layer_mm = hints.layer(values.get("thickness"))
     if pixel_mm is None or layer_mm is None:
         raise InputError(
             f"{archive.path}: neither {CONF} nor the G-code says pixels per mm and layer thickness; give --printer,"

@@ -27,7 +27,6 @@ from layerfix.formats.jobs.container import (
     Totals,
     bounds_of_table,
     container_stack,
-    hinted_pitch,
     repeats_of,
 )
 from layerfix.formats.jobs.preview import Preview
@@ -40,7 +39,8 @@ if TYPE_CHECKING:
     from PIL.Image import Image as Picture
 
     from layerfix.bits import Image, Rows
-    from layerfix.formats.options import Hints, WriteOptions
+    from layerfix.formats.hints import Hints
+    from layerfix.formats.options import WriteOptions
     from layerfix.formats.probe import Probe
     from layerfix.layers.grey_image import Greys
     from layerfix.printers import Printer
@@ -76,7 +76,7 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     if not (0 < bed_x < 10_000 and 0 < bed_y < 10_000 and 0 < layer_mm < 10):
         raise InputError(f"{path}: the header says a bed of {bed_x:g} × {bed_y:g} mm and layers of {layer_mm:g} mm")
     places, tops = _layers(path, data, offset, count)
-    pixel_mm = hinted_pitch(hints, (round(bed_x / width, 6), round(bed_y / height, 6)))
+    pixel_mm = hints.pitch((round(bed_x / width, 6), round(bed_y / height, 6)))
     assert pixel_mm is not None  # the file says it
     z_mm = bounds_of_table(path, tops, hints, lambda z: _bounds(z, round(layer_mm, 6)))
     frame = Frame(width, height, pixel_mm, z_mm)

@@ -17,7 +17,7 @@ import numpy as np
 
 from layerfix.bits import unpack as unpack_rows
 from layerfix.errors import InputError
-from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
+from layerfix.formats.jobs.container import Frame, Spool, Totals
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.jobs.zips import LARGEST_SETTINGS, LARGEST_TEXT, Archive
 from layerfix.formats.png.decode import decode_png
@@ -28,7 +28,7 @@ from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from layerfix.bits import Image
-    from layerfix.formats.options import Hints
+    from layerfix.formats.hints import Hints
     from layerfix.formats.probe import Probe
     from layerfix.stack import LayerStack
 
@@ -53,8 +53,8 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     notes = gaps_in(str(archive.path), names)
     width *= 3 if colour == RGB else 1
     pitch = _mm(slicer, "XPixelSize"), _mm(slicer, "YPixelSize")
-    pixel_mm = hinted_pitch(hints, (pitch[0], pitch[1]) if pitch[0] and pitch[1] else None)
-    layer_mm = hints.layer_mm or _mm(profile, "Depth") or (hints.printer.layer_mm if hints.printer else None)
+    pixel_mm = hints.pitch((pitch[0], pitch[1]) if pitch[0] and pitch[1] else None)
+    layer_mm = hints.layer(_mm(profile, "Depth"))
     if pixel_mm is None or layer_mm is None:
         raise InputError(f"{archive.path}: the plate does not say its pixel size and layer depth; give --printer")
     if INFO in archive:

@@ -19,7 +19,7 @@ from layerfix.bits import mirrored
 from layerfix.errors import InputError
 from layerfix.files import whole_file
 from layerfix.formats.encoding import PanelGreys, checked_printer, encoded
-from layerfix.formats.jobs.container import Frame, Spool, Totals, hinted_pitch
+from layerfix.formats.jobs.container import Frame, Spool, Totals
 from layerfix.formats.jobs.preview import Preview
 from layerfix.formats.jobs.zip_job import check_layers, zip_job
 from layerfix.formats.png.encode import encode_grey_png, encode_png
@@ -29,8 +29,9 @@ from layerfix.stack import layer_bounds_mm
 
 if TYPE_CHECKING:
     from layerfix.bits import Image
+    from layerfix.formats.hints import Hints
     from layerfix.formats.jobs.zips import Archive
-    from layerfix.formats.options import Hints, WriteOptions
+    from layerfix.formats.options import WriteOptions
     from layerfix.formats.probe import Probe
     from layerfix.printers import Printer
     from layerfix.stack import Layer, LayerStack
@@ -65,11 +66,12 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
     where = str(archive.path)
     notes = (*gaps_in(where, names, _said(config)), *unlike_in(names), *_strangers(archive, job))
     slicer = parse_ini(archive.text(SLICER)) if SLICER in archive else {}
-    pixel_mm = hinted_pitch(hints, _pitch_mm(slicer, (width, height)))
+    pixel_mm = hints.pitch(_pitch_mm(slicer, (width, height)))
     if pixel_mm is None:
         raise InputError(f"{archive.path}: the job does not say its pixel pitch; give --printer or --pixel")
-    layer_mm = hints.layer_mm or number(archive.path, config, "layerHeight")
-    first_mm = hints.first_layer_mm or _first_layer_mm(archive.path, slicer, layer_mm)
+    said_mm = number(archive.path, config, "layerHeight")
+    layer_mm = hints.layer(said_mm) or said_mm
+    first_mm = hints.first_layer(_first_layer_mm(archive.path, slicer, layer_mm))
     frame = Frame(width, height, pixel_mm, layer_bounds_mm(len(names), layer_mm, first_mm))
 
     def metadata(totals: Totals, spool: Spool) -> dict[str, bytes]:

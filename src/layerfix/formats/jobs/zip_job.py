@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from layerfix.bits import Rows
-    from layerfix.formats.options import Hints
+    from layerfix.formats.hints import Hints
     from layerfix.layers.grey_image import Greys
     from layerfix.stack import LayerStack
 

@@ -29,7 +29,10 @@ from layerfix.stack import Layer, LayerStack, layer_bounds_mm
 from layerfix.units import counted
 
 if TYPE_CHECKING:
-    from layerfix.formats.options import Hints, PngOptions
+    from numpy.typing import NDArray
+
+    from layerfix.formats.hints import Hints
+    from layerfix.formats.options import PngOptions
     from layerfix.formats.probe import Probe
 
 TEXT_KEY = "layerfix"
@@ -110,8 +113,8 @@ def _stack(source: Source, hints: Hints) -> LayerStack:
                 f"{source.where}: {name} is {head.width} × {head.height} px,"
                 f" {source.names[0]} {first.width} × {first.height} px; all layers have one size"
             )
-    pixel_mm = hints.pixel_mm or first.pixel_mm or (hints.printer.pixel_mm if hints.printer else None)
-    z_mm = _z_mm(heads, hints)
+    pixel_mm = hints.pitch(first.pixel_mm)
+    z_mm = _z_mm(source.where, heads, hints)
     if pixel_mm is None or z_mm is None:
         missing = " and ".join(w for w, v in (("pixel pitch", pixel_mm), ("layer height", z_mm)) if v is None)
         raise InputError(
@@ -152,12 +155,15 @@ def _frames_note(names: list[str], heads: list[Head]) -> tuple[str, ...]:
     return (f"{abridged(name)}{others} is an animation of {frames} images; only the first is read",)
 
 
-def _z_mm(heads: list[Head], hints: Hints) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+def _z_mm(where: str, heads: list[Head], hints: Hints) -> NDArray[np.float64] | None:
+    said = [head.notes.get("z_mm") for head in heads]
+    if None not in said:
+        try:
+            return hints.bounds(np.array(said, np.float64).reshape(-1, 2))
+        except InputError as problem:
+            raise InputError(f"{where}: {problem}") from problem
     if hints.layer_mm is not None:
         return layer_bounds_mm(len(heads), hints.layer_mm, hints.first_layer_mm)
-    bounds = [head.notes.get("z_mm") for head in heads]
-    if None not in bounds:
-        return np.array(bounds, np.float64).reshape(-1, 2)
     if hints.printer is None:
         return None
     return layer_bounds_mm(len(heads), hints.printer.layer_mm, hints.first_layer_mm or hints.printer.first_layer_mm)

@@ -189,7 +189,7 @@ def _chosen(stack: LayerStack, options: SurfaceOptions) -> Kind:
     ):
         count = len(mesh.bodies.names)
         what = f"its {count} bodies become one surface" if count > 1 else "it loses its colours"
-        options.tell(f"{mesh.name}: {what}; --surface smooth keeps them")
+        options.tell(f"{mesh.name}: {what}; only a smooth surface keeps them")
     return kind
 
 
