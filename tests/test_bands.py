@@ -149,7 +149,9 @@ def test_no_layers_are_no_bands():
 
 @pytest.mark.parametrize(
     ("count", "height", "words"),
-    [(0, 0.0, "0 bands: at least one"), (-1, 0.0, "-1 bands"), (3, -0.1, "band height -0.1 mm: it must be 0 or more"),
+    [(0, 0.0, "0 bands: a whole number, at least one"),
+     (-1, 0.0, "-1 bands"), (1.5, 0.0, "1.5 bands: a whole number"),
+     (math.nan, 0.0, "nan bands: a whole number"), (3, -0.1, "band height -0.1 mm: it must be 0 or more"),
      (3, math.nan, "it must be 0 or more"), (3, math.inf, "it must be 0 or more")],
 )  # fmt: skip
 def test_what_makes_no_sense_is_refused(count, height, words):

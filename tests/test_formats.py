@@ -210,9 +210,19 @@ def test_an_option_that_a_writer_does_not_take_is_refused(tmp_path, row):
     assert contents(tmp_path) == {}
 
 
+def test_toolpaths_have_their_widths_already(tmp_path):
+    """Another is refused in words that do not contradict themselves."""
+    printer = lf.load_printer("prusa-mk3s-0.4")
+    layers = lf.LayerStack.from_images([np.ones((99, 99), bool)], pixel_mm=0.05, layer_mm=0.2)
+    planned = lf.plan_toolpaths(layers, lf.settings_for(printer))
+    with pytest.raises(OutputError, match="width_mm: Toolpaths bring their own"):
+        lf.write(tmp_path / "a.gcode", planned, printer, width_mm=0.6)
+    assert not list(tmp_path.iterdir())
+
+
 def test_outlines_have_their_tolerance_already(tmp_path):
     """What a value brings along cannot be said again."""
-    with pytest.raises(OutputError, match="tolerance_mm goes with"):
+    with pytest.raises(OutputError, match="tolerance_mm: Contours bring their own"):
         lf.write(tmp_path / "a.svg", lf.trace_contours(stack()), tolerance_mm=0.1)
 
 

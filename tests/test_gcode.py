@@ -286,6 +286,29 @@ def test_speeds_are_those_of_the_printer(tmp_path):
         assert m.mm_min == pytest.approx(60 * speed, abs=0.51)
 
 
+def test_inches_are_read_as_inches(tmp_path):
+    """G20 and back: the same beads."""
+    moves = "G1 Z{0} F20\nG1 X{1} Y{1} F100\nG1 X{2} Y{1} E{0} F50\n"
+    head = "G90\nM83\n;LAYER_CHANGE\n"
+    metric, inches = tmp_path / "mm.gcode", tmp_path / "in.gcode"
+    metric.write_text("G21\n" + head + moves.format(0.254, 25.4, 50.8))
+    inches.write_text("G20\n" + head + moves.format(0.01, 1, 2) + "G21\n")
+    (one,), (other,) = read_gcode(metric), read_gcode(inches)
+    assert one.z_mm == pytest.approx(other.z_mm)
+    np.testing.assert_allclose(one.paths[0].points_mm, other.paths[0].points_mm)
+    np.testing.assert_allclose(one.paths[0].width_mm, other.paths[0].width_mm)
+
+
+def test_the_layers_that_are_counted_are_those_that_are_laid(tmp_path):
+    """Empty ones in the middle are none."""
+    parts = joined(block([0, 0, 0], [4, 4, 1]), block([0, 0, 2], [4, 4, 3]))
+    stack = lf.slice_mesh(parts, pixel_mm=0.05, layer_mm=0.2)
+    lf.write(tmp_path / "a.gcode", stack, MK3S)
+    text = (tmp_path / "a.gcode").read_text()
+    assert text.count(";LAYER_CHANGE") == 10
+    assert "\n; total layers = 10\n" in text
+
+
 def test_layers_that_are_done_soon_are_laid_slower(tmp_path):
     """A pillar takes some seconds a layer, but no bead is slower than 10 mm/s; travels stay fast."""
     pillar = stack_of(*[drawn((8, 8), Point(4, 4).buffer(2))] * 4)

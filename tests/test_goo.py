@@ -59,6 +59,17 @@ def test_made_up_files_are_read_exactly(tmp_path, differences):
         assert np.array_equal(stack[i].image(), image[:, ::-1] >= 128)
 
 
+def test_heights_over_the_files_own(tmp_path):
+    """A layer height is taken and told, a first layer alone refused: the table says where every layer is."""
+    path = made(tmp_path, drawn())
+    assert read(path, first_layer_mm=0.05).notes == ()
+    stack = read(path, layer_mm=0.1)
+    assert stack.z_mm[-1, 1] == pytest.approx(0.1 * len(drawn()))
+    assert stack.notes == ("the file says a part of 0.25 mm; counted as 0.5 mm, as asked",)
+    with pytest.raises(InputError, match=r"part\.goo: a first layer of 1 mm"):
+        read(path, first_layer_mm=1.0)
+
+
 @pytest.mark.parametrize("differences", [False, True])
 def test_greys_survive_being_written_again(tmp_path, differences):
     """Decoded and encoded without a change: every grey value is the same."""

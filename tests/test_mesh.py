@@ -37,6 +37,13 @@ def is_the_box(mesh: Mesh) -> None:
 # STL, OBJ, PLY, OFF, GLB -----------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("factor", [0, -1, np.nan, np.inf])
+def test_a_scale_is_above_0(factor):
+    """A mirrored part would be inside out."""
+    with pytest.raises(InputError, match=f"scale {factor}: it must be above 0"):
+        box(LOW, HIGH).scaled(factor)
+
+
 @pytest.mark.parametrize("name", ["box.stl", "BOX.STL", "box.obj", "box.ply", "box.off", "box.3mf", "prüf stück.stl"])
 def test_the_same_box_from_every_format(tmp_path, name):
     """Formats without a unit are read as mm; the suffix may be in capitals, the name in any language."""

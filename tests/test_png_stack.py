@@ -163,6 +163,21 @@ def test_the_files_own_pitch_wins_over_the_printers(tmp_path):
     assert read(tmp_path / "layers", pixel_mm=0.2).pixel_mm == (0.2, 0.2)
 
 
+def test_what_is_given_over_the_files_own_word_is_told(tmp_path):
+    """Pitch and heights; what is nearly the same is the same."""
+    write(tmp_path / "layers", sliced())
+    assert read(tmp_path / "layers", pixel_mm=(0.0501, 0.07), layer_mm=0.1, first_layer_mm=0.3).notes == ()
+    stack = read(tmp_path / "layers", pixel_mm=0.2, layer_mm=0.2)
+    top = sliced().z_mm[-1, 1]
+    assert stack.notes == (
+        "the file says pixels of 50 µm × 70 µm; counted as 0.2 mm, as asked",
+        f"the file says a part of {top:.4g} mm; counted as {0.2 * len(stack):.4g} mm, as asked",
+    )
+    assert np.array_equal(read(tmp_path / "layers", first_layer_mm=0.3).z_mm, sliced().z_mm)
+    with pytest.raises(InputError, match=r"layers: a first layer of 1 mm: .* the first 0\.3 mm high; give the layer"):
+        read(tmp_path / "layers", first_layer_mm=1.0)
+
+
 @either_container
 @pytest.mark.parametrize(
     ("given", "missing"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import shapely
@@ -262,6 +264,10 @@ def test_empty_regions_stay():
     ("options", "told"),
     [
         ({"min_feature_mm": 0}, "minimum feature 0 mm"),
+        ({"min_feature_mm": -1}, "minimum feature -1 mm"),
+        ({"min_feature_mm": math.nan}, "minimum feature nan mm"),
+        ({"min_feature_mm": 1e9}, "20000000000 pixels of 50 µm; at most"),
+        ({"unit_mm": 1e9}, "outlines of .* pixels of 50 µm long; at most"),
         ({"min_feature_mm": 0.05}, "under two pixels"),
         ({"pixel_mm": -1}, "pixel -1 mm"),
         ({"unit_mm": 0}, "unit 0 mm"),
@@ -280,6 +286,14 @@ def test_what_cannot_be_is_refused(options, told):
 def test_rings_are_arrays_of_points(ring):
     """A list, two points and three columns are none."""
     with pytest.raises(lf.LayerfixError, match="a ring is an"):
+        lf.correct_regions([[[ring]]], min_feature_mm=0.8)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_coordinates_are_finite(value):
+    """One that is not, among those that are."""
+    ring = np.array([[0, 0], [1, 0], [1, value]])
+    with pytest.raises(lf.LayerfixError, match="no finite numbers"):
         lf.correct_regions([[[ring]]], min_feature_mm=0.8)
 
 

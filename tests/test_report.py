@@ -32,7 +32,7 @@ from layerfix.report.bodies import body
 from layerfix.report.collect import About, collect
 from layerfix.report.page import page_of, show
 from layerfix.report.spans import Window, cut, spans_of, varints, window_of
-from tests.making import box, joined, run_layerfix, thin_part, write_stl
+from tests.making import box, chosen_faces, joined, run_layerfix, thin_part, write_stl
 
 VIEWER = Path(lf.__file__).parent / "report" / "viewer"
 IMAGES = arrays.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 140)))
@@ -470,6 +470,22 @@ def test_pages_of_fix_and_check(tmp_path):
     assert (run.code, run.err) == (1, "")
     pages = [(tmp_path / name).read_text() for name in ("fix.html", "check.html")]
     assert ["would be lost" in page for page in pages] == [False, True]
+
+
+def test_what_slicing_closed_is_told_of_pictures_and_pages(tmp_path):
+    """As `fix` and `check` tell it; and of a page, of empty layers in the middle."""
+    whole = box([0, 0, 0], [4, 4, 1])
+    part = write_stl(tmp_path / "part.stl", chosen_faces(whole, np.arange(len(whole.faces)) != 0))
+    part.write_bytes(part.read_bytes() + b"rest")
+    many, one = "gaps closed in 6 layers, the longest 3.5 mm", "gaps closed in 1 layer, the longest 0.4 mm"
+    for command, args, said in (("report", ["-o", "page.html"], many), ("show", ["-o", "a.png", "--layer", 0], one)):
+        run = run_layerfix(command, part, "-p", "prusa-mk3s-0.4", *args, "--json", cwd=tmp_path)
+        rest, gaps = json.loads(run.out)["notes"]
+        assert (rest, gaps) == ("4 bytes after the last triangle left out", f"open mesh: {said}")
+        run = run_layerfix(command, part, "-p", "prusa-mk3s-0.4", *args, "--force", cwd=tmp_path)
+        assert f"note      {gaps}\n" in run.out
+    hollow = lf.slice_mesh(joined(whole, box([0, 0, 2], [4, 4, 3])), pixel_mm=0.1, layer_mm=0.2)
+    assert "5 layers are empty in the middle" in collect(hollow, hollow, About("part")).meta["notes"][0]
 
 
 def test_pictures_of_layers(tmp_path):

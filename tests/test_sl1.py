@@ -220,6 +220,29 @@ def test_the_pitch_comes_from_the_job_the_user_or_the_printer(tmp_path):
     assert np.allclose(np.diff(read(source, pixel_mm=0.1, layer_mm=0.2).z_mm), 0.2)
 
 
+def test_what_is_given_over_the_jobs_own_word_is_told(tmp_path):
+    """Pitch, layers and the first layer: the job itself stays as it is."""
+    source = plain.write_sl1(tmp_path / "part.sl1", drawn())
+    own = read(source)
+    first_mm, layer_mm = own.heights_mm()[:2]
+    assert read(source, pixel_mm=own.pixel_mm, layer_mm=layer_mm, first_layer_mm=first_mm).notes == own.notes == ()
+    given = read(source, pixel_mm=0.1, layer_mm=0.2, first_layer_mm=1.0)
+    words = [note.replace(" µm", "e-3 mm").split(" of ")[1].split(" mm")[0] for note in given.notes]
+    assert [float(word) for word in words] == pytest.approx([own.pixel_mm[0], layer_mm, first_mm])
+    assert [note.rpartition("; ")[2] for note in given.notes] == [
+        f"counted as {mm} mm, as asked" for mm in ("0.1", "0.2", "1")
+    ]
+
+
+def test_digits_at_the_end_of_a_jobs_name_are_no_numbers_of_layers(tmp_path):
+    """part200000.png is the first layer of the job "part2"; a layer that is missing is still told."""
+    entries = plain.sl1_entries(drawn(), job="part2")
+    assert read(plain.write_zip(tmp_path / "part.sl1", entries)).notes == ()
+    del entries["part200002.png"]
+    notes = read(plain.write_zip(tmp_path / "gap.sl1", entries)).notes
+    assert "between part200001.png and part200003.png" in notes[0]
+
+
 @pytest.mark.parametrize("value", ["0", "-0.05", "nan", "inf", "thick", ""])
 @pytest.mark.parametrize(
     ("name", "key"),

@@ -499,6 +499,8 @@ def test_a_box_on_a_corner_has_no_gaps():
         ({"layer_mm": 5}, "1 mm tall, under half the first layer of 5 mm"),
         ({"layer_mm": 1e-7}, "10000000 layers"),
         ({"pixel_mm": 1e-5}, "use larger pixels"),
+        ({"frame_px": (20.5, 20)}, "frame of (20.5, 20) px: it is two whole numbers"),
+        ({"frame_px": (20,)}, "frame of (20,) px: it is two whole numbers"),
     ],
 )
 def test_unusable_numbers_are_named(options, message):

@@ -351,6 +351,53 @@ def test_the_command_refuses(tmp_path, args, said):
     assert [path.name for path in tmp_path.iterdir()] == ["part.stl"]
 
 
+@pytest.mark.parametrize(
+    ("args", "named"),
+    [
+        (["--keep-gaps", "0.2mm"], "--keep-gaps"),
+        (["--keep-gaps", "0.2mm", "--min-layers", "2"], "--keep-gaps and --min-layers"),
+        (["--layers", "0:2"], "--layers"),
+        (["--fill", "even_odd"], "--fill"),
+        (["--keep-gaps", "0.2mm", "--surface", "layers"], None),
+        ([], None),
+    ],
+)
+def test_a_surface_that_is_another_because_of_an_option_is_told(tmp_path, args, named):
+    """Of a closed mesh it would be smooth; what was asked for needs no word."""
+    part = write_stl(tmp_path / "part.stl", thin_part())
+    run = run_layerfix("fix", part, "x.stl", *args, "-p", "prusa-mk3s-0.4", "--json", cwd=tmp_path)
+    notes = [note for note in json.loads(run.out)["notes"] if "the surface is that of the layers" in note]
+    assert [note.partition(" the surface")[0] for note in notes] == ([f"because of {named}"] if named else [])
+
+
+def test_no_note_asks_for_what_is_refused(tmp_path):
+    """Bodies that become one because gaps are kept to the pixel: not `--surface smooth`, which is refused then."""
+    plate, fin = box((0, 0, 0), (4, 4, 1)), box((1, 0.5, 1), (1.3, 3.5, 3))
+    scene = trimesh.Scene({"plate": trimesh.Trimesh(plate.vertices, plate.faces),
+                           "fin": trimesh.Trimesh(fin.vertices, fin.faces)})  # fmt: skip
+    scene.export(tmp_path / "two.3mf")
+    how = ["two.3mf", "x.3mf", "-p", "prusa-mk3s-0.4", "--keep-gaps", "0.2mm", "--json"]
+    notes = json.loads(run_layerfix("fix", *how, cwd=tmp_path).out)["notes"]
+    assert "two.3mf: its 2 bodies become one surface; only a smooth surface keeps them" in notes
+    assert not any("--surface smooth" in note for note in notes)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".glb", ".3mf", ".obj"])
+@pytest.mark.parametrize("kind", kinds.KINDS)
+def test_a_part_too_far_away_for_32_bits_is_told(tmp_path, suffix, kind):
+    """Two kilometres from the origin, and one metre: walls move by an eighth of a millimetre, or not."""
+    for far_mm in (2e6, 1e3):
+        mesh = box((0, 0, 0), (4, 4, 1)).moved([far_mm, 0, 0])
+        fixed = lf.correct(lf.slice_mesh(mesh, pixel_mm=0.1, layer_mm=0.2), min_feature_mm=0.4, mode="add_only")
+        told: list[str] = []
+        lf.write(tmp_path / f"x{suffix}", fixed, surface=kind, tell=told.append, force=True)
+        told = [word for word in told if "keeps coordinates" in word]
+        if far_mm < 2e6 or suffix in (".3mf", ".obj"):
+            assert told == []
+        else:
+            assert "coordinates of 2e+06 mm to 0.125 mm only; write .3mf or .obj" in told[0]
+
+
 def test_nothing_changed_is_said(tmp_path):
     fixed = lf.correct(
         lf.slice_mesh(box((0, 0, 0), (5, 5, 2)), pixel_mm=0.1, layer_mm=0.2), min_feature_mm=0.4, mode="add_only"

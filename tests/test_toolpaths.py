@@ -684,8 +684,19 @@ PLATE = np.ones((64, 64), bool)
         (stack_of(PLATE), {"width_mm": 0.33}, "extrusion width"),
         (stack_of(PLATE), {"width_mm": 0.81}, "extrusion width"),
         (stack_of(PLATE, PLATE), {"width_mm": [0.45, 0.9]}, "extrusion width"),
+        (stack_of(PLATE, PLATE), {"width_mm": [0.45] * 3}, r"shape \(3,\): one for all, or one for each of 2 layers"),
     ],
-    ids=["not square", "coarse", "high layer", "high first layer", "taller than wide", "narrow", "wide", "one"],
+    ids=[
+        "not square",
+        "coarse",
+        "high layer",
+        "high first layer",
+        "taller than wide",
+        "narrow",
+        "wide",
+        "one",
+        "three for two",
+    ],
 )
 def test_what_no_nozzle_can_lay(stack, changes, message):
     """Refused before any work, with the value and what would do."""
@@ -698,12 +709,14 @@ def test_what_no_nozzle_can_lay(stack, changes, message):
     [
         ({"perimeters": 0}, "perimeters 0"),
         ({"perimeters": -1}, "perimeters -1"),
+        ({"perimeters": 1.5}, "perimeters 1.5: a whole number"),
         ({"density": 2.0}, "density 2"),
         ({"density": -0.1}, "density"),
         ({"density": math.nan}, "density"),
         ({"seam": "front"}, "nearest, rear, random"),
         ({"width_mm": 0.2}, "extrusion width"),
         ({"first_layer_width_mm": 0.9}, "extrusion width"),
+        ({"first_layer_width_mm": 0.0}, "extrusion width 0 mm"),
         ({"top_layers": -1}, "top layers"),
         ({"skirt_loops": -2}, "skirt loops"),
         ({"nozzle_mm": 0.0}, "nozzle"),

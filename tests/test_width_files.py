@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,7 +31,7 @@ from layerfix.formats.vector.gcode_reader import read_gcode
 from layerfix.layers.widths import Widths, suggest_widths
 from layerfix.mesh.triangles import Mesh
 from tests.beads import main_width
-from tests.making import box, contents, joined, run_layerfix, thin_part, turned, write_stl
+from tests.making import box, chosen_faces, contents, joined, run_layerfix, thin_part, turned, write_stl
 
 MK3S = load_printer("prusa-mk3s-0.6")
 RANGES = {"prusa": "Metadata/Prusa_Slicer_layer_config_ranges.xml", "orca": "Metadata/layer_config_ranges.xml"}
@@ -227,6 +228,43 @@ def test_a_job_writes_all_its_files(tmp_path):
     assert [(a, b, float(o["perimeter_extrusion_width"])) for a, b, o in ranges] == [(0, 2.9, 1.2), (2.9, 8, 0.75)]
     beads = [float(w) for w in re.findall(r"^;WIDTH:([\d.]+)", (tmp_path / "out.gcode").read_text(), re.MULTILINE)]
     assert max(beads) <= 1.2 + 1e-6
+
+
+def test_what_is_told_is_in_the_table_too(tmp_path):
+    """Notes of the part and of every file that is written, wherever the table stands among them."""
+    part = write_stl(tmp_path / "part.stl", finned())
+    part.write_bytes(part.read_bytes() + b"rest")
+    outputs = [word for name in ("out.json", "out.gcode") for word in ("-o", tmp_path / name)]
+    done = run_layerfix("widths", part, "-p", MK3S.name, "--min", "0.6mm", "--json", *outputs)
+    notes = json.loads(done.out)["notes"]
+    assert notes == json.loads((tmp_path / "out.json").read_text())["notes"]
+    assert [note.split()[0] for note in notes] == ["4", "printing"]
+
+
+def test_what_is_missing_or_merged_is_told(tmp_path):
+    """An open mesh, layers without anything between others, bodies that a .3mf holds as one, a step too large."""
+    tall = box([0, 0, 0], [4, 4, 1])
+    opened = write_stl(tmp_path / "open.stl", chosen_faces(tall, np.arange(len(tall.faces)) != 0))
+    assert "open mesh: gaps closed in 4 layers, the longest 3.8 mm" in told(opened)[0]
+    apart = write_stl(tmp_path / "apart.stl", joined(tall, box([0, 0, 2], [4, 4, 3])))
+    assert re.match(r"[23] layers are empty in the middle", told(apart)[0])
+    fin = box([1, 1, 1], [3, 3, 2])
+    bodies = {"base": tall, "fin": fin}
+    scene = trimesh.Scene({name: trimesh.Trimesh(one.vertices, one.faces) for name, one in bodies.items()})
+    scene.export(tmp_path / "two.3mf")
+    assert told(tmp_path / "two.3mf") == []
+    assert told(tmp_path / "two.3mf", tmp_path / "out.3mf") == ["two.3mf: its 2 bodies become one object of the .3mf"]
+    write_stl(tmp_path / "tall.stl", tall)
+    assert told(tmp_path / "tall.stl") == []
+    assert told(tmp_path / "tall.stl", step_mm=3.0) == [
+        "a step of 3 mm is more than the range: only 0.6 mm and 1.2 mm are tried"
+    ]
+
+
+def told(part: Path, *targets: Path, **wanted: float) -> list[str]:
+    """The notes of a command."""
+    asked = WidthOptions(min_mm=0.6, max_mm=1.2, **wanted)
+    return [*suggest(part, targets, Options(printer=MK3S), asked).notes]
 
 
 def test_heights_are_counted_from_the_part_s_lowest_point(tmp_path):

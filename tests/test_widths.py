@@ -422,7 +422,7 @@ def test_a_loss_larger_than_the_layer_takes_no_memory():
         ("prusa-mk3s-0.6", {"max_mm": 1.3}, "1.3 mm: a nozzle of 0.6 mm lays 0.51 mm to 1.2 mm"),
         ("prusa-mk3s-0.6", {"min_mm": 1.1, "max_mm": 0.9}, "the narrowest comes first"),
         ("prusa-mk3s-0.6", {"slicer": "cura"}, "slicer 'cura' is not known; choose from prusa, orca"),
-        ("prusa-mk3s-0.6", {"bands": 0}, "0 bands: at least one"),
+        ("prusa-mk3s-0.6", {"bands": 0}, "0 bands: a whole number, at least one"),
         ("prusa-mk3s-0.6", {"band_height_mm": -1.0}, "band height -1.0 mm"),
     ],
 )
@@ -519,6 +519,14 @@ def test_thinning_says_what_correction_says():
     found = suggest_widths(stack, min_mm=4, max_mm=12, step_mm=1.0)
     said = [layer.change.thinnest_mm for layer in layerfix.correct(stack, min_feature_mm=12)]
     assert found.thinning_mm.tolist() == pytest.approx([12 if width is None else min(width, 12) for width in said])
+
+
+def test_thinning_takes_no_loss():
+    """It looks at none; nothing is ignored."""
+    stack = LayerStack.from_images([np.ones((99, 99), bool)], pixel_mm=0.05, layer_mm=0.2)
+    with pytest.raises(InputError, match="a loss of 2 mm goes with the rule 'opening'"):
+        suggest_widths(stack, min_mm=0.4, max_mm=0.8, loss_mm=2.0, rule="thinning")
+    assert len(suggest_widths(stack, min_mm=0.4, max_mm=0.8, rule="thinning")) == 1
 
 
 def test_an_unknown_rule_is_refused():

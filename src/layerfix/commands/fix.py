@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -9,7 +10,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from layerfix.commands.machines import hint_of, job_printers, told_of_machine
+from layerfix.commands.machines import hint_of, job_printers, told_of_heights, told_of_machine
 from layerfix.commands.mesh_file import mesh_in
 from layerfix.commands.notes import doubts
 from layerfix.commands.options import Options, flag, min_feature_of, refuse_given
@@ -223,7 +224,7 @@ def opened(
                  first_layer_mm=frame.first_layer_mm, **greys)  # fmt: skip
     if empty_ends(stack) is None:
         raise InputError(f"{source}: nothing is solid in any of its {len(stack)} layers")
-    told = told_of_machine(stack, options.printer)
+    told = [*told_of_machine(stack, options.printer), *told_of_heights(stack, math.inf, options.printer)]
     return replace(stack, notes=(*stack.notes, *told)) if told else stack, None
 
 

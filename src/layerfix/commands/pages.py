@@ -47,8 +47,8 @@ def report_on(
     widths_mm: Sequence[float] = (),
     placed: Placing | None = None,
     progress: Progress = lambda done, total: None,
-) -> tuple[int, int, int]:
-    """Write the page of layers before and after; (layers, how many are in the page, places in its table)."""
+) -> tuple[int, int, int, tuple[str, ...]]:
+    """Write the page of layers before and after; (layers, how many are shown, places in the table, notes)."""
     from layerfix.layers.correction import telling_paths
     from layerfix.report.collect import About, collect, file_facts
     from layerfix.report.directions import directions_of
@@ -66,7 +66,8 @@ def report_on(
     )
     found = collect(stack, telling_paths(after), about, progress)
     write_page(target, found, force=options.run.force)
-    return len(stack), len(found.meta["layers"]["shown"]), len(found.meta["places"])
+    meta = found.meta
+    return len(stack), len(meta["layers"]["shown"]), len(meta["places"]), tuple(meta["notes"])
 
 
 def _settings(stack: LayerStack, options: Options, mode: Mode | None) -> list[tuple[str, str]]:

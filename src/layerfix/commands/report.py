@@ -34,7 +34,8 @@ def _silent(done: int, total: int) -> None:
 
 @dataclass(frozen=True)
 class Written:
-    """What `layerfix report --json` prints: where the page is, its size, how many layers, which of them are in it."""
+    """What `layerfix report --json` prints: where the page is, its size, how many layers, how many of them are in it,
+    its notes."""
 
     source: str
     fixed: str | None
@@ -43,6 +44,7 @@ class Written:
     layers: int
     layers_shown: int
     places: int
+    notes: tuple[str, ...]
     seconds: float
 
 
@@ -115,5 +117,6 @@ def lines_of(written: Written) -> list[tuple[str, str]]:
         ("places", f"{written.places} to look at"),
         ("size", f"{written.bytes / 1e6:.1f} MB"),
         ("time", f"{written.seconds:.2f} s"),
+        *(("note", note) for note in written.notes),
         ("written", written.target),
     ]

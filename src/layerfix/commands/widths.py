@@ -22,8 +22,8 @@ from layerfix.files import already_written, check_apart, check_input, check_targ
 from layerfix.formats import write
 from layerfix.formats.solid.width_files import SLICERS
 from layerfix.layers.widths import Rule, Widths, suggest_widths
-from layerfix.mesh.empty import empty_between
-from layerfix.units import counted, format_mm
+from layerfix.mesh.empty import empty_between, told_of_gaps
+from layerfix.units import format_mm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -164,9 +164,7 @@ class _Gathering:
 def _told_of(widths: Widths, gaps: Sequence[Gaps], wanted: WidthOptions) -> list[str]:
     """A word about an open mesh, layers that are empty, and steps of which none was taken."""
     words = empty_between((widths.area_mm2 > 0).tolist(), widths.z_mm.tolist())
-    if gaps:
-        longest = format_mm(max(gap.longest_mm for gap in gaps))
-        words.append(f"open mesh: gaps closed in {counted(len(gaps), 'layer')}, the longest {longest}")
+    words += told_of_gaps(gaps)
     low, high = widths.range_mm
     if high - low < wanted.step_mm * (1 - 1e-9) and high > low:
         words.append(

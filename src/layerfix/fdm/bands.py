@@ -23,8 +23,8 @@ def banded(widths: Widths, count: int, *, min_height_mm: float = 0.0) -> Widths:
     programming over the layers where the suggestion changes).
     Raises InputError for no band and a height below 0.
     """
-    if count < 1:
-        raise InputError(f"{count} bands: at least one")
+    if not float(count).is_integer() or count < 1:
+        raise InputError(f"{count} bands: a whole number, at least one")
     if not 0 <= min_height_mm < np.inf:
         raise InputError(f"band height {min_height_mm} mm: it must be 0 or more")
     if not len(widths):
@@ -36,7 +36,7 @@ def banded(widths: Widths, count: int, *, min_height_mm: float = 0.0) -> Widths:
     low = np.minimum.reduceat(widths.width_mm, starts)
     area = np.concatenate([[0.0], np.cumsum(np.add.reduceat(widths.area_mm2 * _heights_mm(widths), starts))])
     bottom, top = widths.z_mm[starts, 0], widths.z_mm[borders[1:] - 1, 1]
-    chosen = _cheapest(low, area, bottom, top, count, min_height_mm)
+    chosen = _cheapest(low, area, bottom, top, int(count), min_height_mm)
     out = np.empty_like(widths.width_mm)
     for a, b in chosen:
         out[borders[a] : borders[b]] = low[a:b].min()

@@ -48,7 +48,7 @@ class PathSettings:
         """Raises InputError for what no nozzle can do."""
         if not 0 < self.nozzle_mm < math.inf:
             raise InputError(f"nozzle {self.nozzle_mm} mm: it must be above 0")
-        for width in (self.width_mm, self.first_layer_width_mm or self.width_mm):
+        for width in (self.width_mm, *([] if self.first_layer_width_mm is None else [self.first_layer_width_mm])):
             self.check_width(width)
         low, high = self.range_mm
         if not 0 < low <= high < math.inf:
@@ -58,8 +58,8 @@ class PathSettings:
         if not 0 <= self.density <= 1:
             raise InputError(f"infill density {self.density:g}: it is 0 to 1 (0 % to 100 %)")
         for name in ("perimeters", "top_layers", "bottom_layers", "skirt_loops"):
-            if getattr(self, name) < 0:
-                raise InputError(f"{name.replace('_', ' ')} {getattr(self, name)}: it is 0 or more")
+            if not hasattr(getattr(self, name), "__index__") or getattr(self, name) < 0:
+                raise InputError(f"{name.replace('_', ' ')} {getattr(self, name)}: a whole number, 0 or more")
         if self.perimeters < 1:
             raise InputError("perimeters 0: at least one, or nothing holds the outline")
         if self.seam not in SEAMS:

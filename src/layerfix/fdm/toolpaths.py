@@ -126,7 +126,10 @@ def plan_toolpaths(stack: LayerStack, settings: PathSettings, *, width_mm: Array
     if width_mm is None:
         widths[:1] = settings.first_layer_width_mm or settings.width_mm
     else:
-        widths[:] = width_mm
+        given = np.asarray(width_mm, np.float64)
+        if given.shape not in ((), (1,), (len(stack),)):
+            raise InputError(f"widths of shape {given.shape}: one for all, or one for each of {len(stack)} layers")
+        widths[:] = given
     for width in np.unique(widths).tolist():
         settings.check_width(width)
     return Toolpaths(stack, settings, widths)

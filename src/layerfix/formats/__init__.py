@@ -135,6 +135,9 @@ def write(
     path = Path(path)
     found = find_writer(path, value)
     given = {name: option for name, option in own.items() if option is not None}
+    brought = [name for name in given if name in found.known]
+    if brought:
+        raise OutputError(f"{path}: {brought[0]}: {type(value).__name__} bring their own; give it when they are made")
     check_options(path, given, found.takes)
     if isinstance(printer, str):
         from layerfix.printers import load_printer

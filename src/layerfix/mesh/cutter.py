@@ -13,6 +13,7 @@ closed rows.
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -157,7 +158,10 @@ def frame_of(
         width = -_floor(-(x1 + margin_mm) / pitch[0]) - left
         height = top - _floor((y0 - margin_mm) / pitch[1])
     else:
-        width, height = frame_px
+        try:
+            width, height = map(operator.index, frame_px)
+        except (TypeError, ValueError):
+            raise InputError(f"frame of {frame_px} px: it is two whole numbers, (width, height)") from None
         if x1 - x0 > width * pitch[0] * (1 + 1e-9) or y1 - y0 > height * pitch[1] * (1 + 1e-9):
             raise InputError(
                 f"{mesh.name}: the part is {x1 - x0:.4g} × {y1 - y0:.4g} mm,"

@@ -1,4 +1,4 @@
-"""Layers without anything: where a stack begins and ends, and what to say of those before, after and in between."""
+"""What slicing leaves to be told: layers without anything, below, above and in between, and gaps that it closed."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from layerfix.errors import InputError
 from layerfix.mesh.reading import several
-from layerfix.units import format_mm
+from layerfix.units import counted, format_mm
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from layerfix.mesh.triangles import Mesh
-    from layerfix.stack import LayerStack
+    from layerfix.stack import Gaps, LayerStack
 
 SHOWN = 5  # heights that a note lists
 
@@ -81,6 +81,14 @@ def empty_between(solid: Sequence[bool], z_mm: Sequence[tuple[float, float]]) ->
     shown = ", ".join(f"{z:.3f}" for z in empty[:SHOWN])
     more = f" and {len(empty) - SHOWN} more" if len(empty) > SHOWN else ""
     return [f"{_layers(len(empty))} empty in the middle, at z = {shown}{more} mm: what is above hangs in the air"]
+
+
+def told_of_gaps(gaps: Sequence[Gaps | None]) -> list[str]:
+    """A word about an open mesh, by what was closed in each of its layers."""
+    longest = [one.longest_mm for one in gaps if one is not None]
+    if not longest:
+        return []
+    return [f"open mesh: gaps closed in {counted(len(longest), 'layer')}, the longest {format_mm(max(longest))}"]
 
 
 def _layers(count: int) -> str:

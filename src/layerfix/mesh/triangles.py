@@ -178,7 +178,9 @@ class Mesh:
         return replace(self, vertices=self.vertices @ m.T, faces=faces, parts=parts)
 
     def scaled(self, factor: float) -> Mesh:
-        """`factor` (above 0) times as large."""
+        """`factor` times as large. Raises InputError unless that is above 0."""
+        if not 0 < factor < np.inf:
+            raise InputError(f"scale {factor}: it must be above 0")
         parts = tuple(part.changed(lambda mesh: mesh.scaled(factor)) for part in self.parts)
         return replace(self, vertices=self.vertices * factor, parts=parts)
 

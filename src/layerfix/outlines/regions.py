@@ -44,6 +44,7 @@ Outline = Sequence["NDArray[Any]"]  # a polygon: its outer ring, then its holes,
 Region = Sequence[Outline]
 
 SNAP_PER_PX = 1 << 20
+MAX_FEATURE_PX, MAX_EDGES_PX = 1 << 13, 1 << 28
 MAX_WINDOW_PX = 1 << 28  # pixels drawn at once: 32 MB an image
 
 
@@ -92,6 +93,8 @@ def correct_regions(
     raises          InputError for a feature, a pixel, a unit or a gap that cannot be, for rings that are no (n, 2)
                     arrays of at least three points, and for layers too large for the pixel
     """
+    if not 0 < min_feature_mm < math.inf:
+        raise InputError(f"minimum feature {min_feature_mm} mm: it must be above 0")
     pixel = pixel_mm if pixel_mm is not None else min(0.05, min_feature_mm / 8)
     _check(regions, min_feature_mm, pixel, unit_mm, mode)
     scale = unit_mm / pixel
@@ -100,6 +103,7 @@ def correct_regions(
     if not len(segments):
         return CorrectedRegions(list(regions))
     feature_px = min_feature_mm / pixel
+    _check_size(segments, feature_px, pixel)
     # A wall of F_px + 1 pixels is whole, whatever its angle and wherever it lies between the pixels.
     places = narrow_places(segments, feature_px + 2.0) if mode == "add_only" else None
     patches: list[_Patch] = []
@@ -131,6 +135,23 @@ def _check(regions: Sequence[Region], min_feature_mm: float, pixel_mm: float, un
                 shape = getattr(ring, "shape", None)
                 if shape is None or len(shape) != 2 or shape[1] != 2 or shape[0] < 3:
                     raise InputError(f"a ring is an (n, 2) array of three points or more, not {shape or type(ring)}")
+                if not np.isfinite(ring).all():
+                    raise InputError("a ring has coordinates that are no finite numbers")
+
+
+def _check_size(segments: Floats, feature_px: float, pixel_mm: float) -> None:
+    """Raises InputError for what no memory holds: a feature, or edges, of too many pixels."""
+    if feature_px > MAX_FEATURE_PX:
+        raise InputError(
+            f"a minimum feature of {format_mm(feature_px * pixel_mm)} is {feature_px:.0f} pixels of"
+            f" {format_mm(pixel_mm)}; at most {MAX_FEATURE_PX}: use larger pixels"
+        )
+    length_px = float(np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]).sum())
+    if length_px > MAX_EDGES_PX:
+        raise InputError(
+            f"outlines of {format_mm(length_px * pixel_mm)} are {length_px:.3g} pixels of {format_mm(pixel_mm)} long;"
+            f" at most {MAX_EDGES_PX}: use larger pixels"
+        )
 
 
 def _segments(region: Region, scale: float) -> Floats:

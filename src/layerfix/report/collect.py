@@ -13,6 +13,7 @@ import numpy as np
 from layerfix import __version__
 from layerfix.errors import InputError
 from layerfix.layers.topology import changes_of_rows
+from layerfix.mesh.empty import empty_between, told_of_gaps
 from layerfix.mesh.slicing import plate_mm, sliced_mesh
 from layerfix.report.bodies import MOST_TRIANGLES, body, reduced_body
 from layerfix.report.places import LayersSeen, places_of
@@ -157,7 +158,7 @@ def collect(
         "made_with": {"layerfix": __version__, "Python": platform.python_version(), "numpy": np.__version__},
         "settings": [list(pair) for pair in about.settings],
         "feature_mm": about.feature_mm,
-        "notes": [*before.notes, *about.notes, *_sampling_notes(before, seen, window)],
+        "notes": [*_notes(before, seen), *about.notes, *_sampling_notes(before, seen, window)],
         "summary": [list(pair) for pair in _summary(before, seen, added, removed, thinnest, about)],
         "frame": _frame(before, window),
         "layers": {"count": len(before), "shown": seen.shown, "z_mm": before.z_mm.round(6).tolist()},
@@ -257,6 +258,14 @@ def _bodies(before: LayerStack, seen: _Seen) -> Iterator[tuple[str, tuple[NDArra
         made = reduced_body(layers, bounds, before)
         if made is not None:
             yield name, made
+
+
+def _notes(stack: LayerStack, seen: _Seen) -> Iterator[str]:
+    """What is to be told of the layers themselves."""
+    yield from stack.notes
+    yield from told_of_gaps([layer.gaps for layer in seen.bare])
+    solid = [before + added > 0 for before, added in zip(seen.solid_px, seen.added_px, strict=True)]
+    yield from empty_between(solid, stack.z_mm.tolist())
 
 
 def _sampling_notes(stack: LayerStack, seen: _Seen, window: Window) -> Iterator[str]:

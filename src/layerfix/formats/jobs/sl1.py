@@ -64,7 +64,7 @@ def read(probe: Probe, hints: Hints) -> LayerStack:
                    if n.startswith(job) and n.lower().endswith(".png") and "/" not in n[len(job):])  # fmt: skip
     width, height, _ = check_layers(archive, names, (0,))
     where = str(archive.path)
-    notes = (*gaps_in(where, names, _said(config)), *unlike_in(names), *_strangers(archive, job))
+    notes = (*gaps_in(where, names, _said(config), job), *unlike_in(names), *_strangers(archive, job))
     slicer = parse_ini(archive.text(SLICER)) if SLICER in archive else {}
     pixel_mm = hints.pitch(_pitch_mm(slicer, (width, height)))
     if pixel_mm is None:

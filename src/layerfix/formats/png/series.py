@@ -59,10 +59,11 @@ def series_of(where: str, files: Iterable[str]) -> tuple[list[str], tuple[str, .
     return names, tuple(notes)
 
 
-def gaps_in(where: str, names: Sequence[str], said: int | None = None) -> tuple[str, ...]:
+def gaps_in(where: str, names: Sequence[str], said: int | None = None, job: str = "") -> tuple[str, ...]:
     """A word about numbers that are missing in a series, in order.
 
     said  how many layers the job says that there are; None if it does not
+    job   what all names begin with; digits in it are no layer's number
     A series that counts in steps (0, 10, 20 …) misses nothing. Raises InputError for two layers of one number.
     """
     for one, other in pairwise(names):
@@ -71,7 +72,7 @@ def gaps_in(where: str, names: Sequence[str], said: int | None = None) -> tuple[
                 f"{where}: {abridged(one)} and {abridged(other)} are of one number; a layer is one image"
             )
     words = []
-    counts = _counts(names)
+    counts = _counts([name.removeprefix(job) for name in names])
     steps = [after - before for before, after in pairwise(counts)]
     often = [step for step, count in Counter(steps).items() if count > 1] or steps
     usual = min(often) if len(steps) > 1 else 1

@@ -19,6 +19,7 @@ from layerfix.formats.solid.package_3mf import Body, write_3mf, write_bodies_3mf
 from layerfix.mesh.bodies import NO_COLOUR, Bodies, apart_by_colour
 from layerfix.mesh.slicing import sliced_mesh
 from layerfix.mesh.triangles import Mesh, save_stl, stl_header, stl_triangles
+from layerfix.units import format_mm
 
 if TYPE_CHECKING:
     from layerfix.formats.options import SurfaceOptions, WriteOptions
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from layerfix.surface.kinds import Kind
 
 MAX_STL_TRIANGLES = 2**32 - 1
+COARSE_MM = 0.005  # 32-bit floats that lie farther apart move walls by what a printer shows
 ADDED, REMOVED = 0xD62728, 0x1F77B4  # red and blue, told apart by colour-blind people, too
 
 
@@ -37,6 +39,8 @@ def write_stl(path: Path, stack: LayerStack, options: SurfaceOptions) -> None:
     if kind != "layers":
         write_mesh_stl(path, _made(path, stack, kind, options), options)
         return
+    ends_mm = (*stack.origin_mm, stack.width * stack.pixel_mm[0])
+    _tell_of_place(path, max(map(abs, ends_mm)), options)
     count = 0
     with whole_file(path, force=options.force) as file:
         file.write(stl_header("corrected by layerfix", 0))
@@ -79,6 +83,7 @@ def write_mesh_stl(path: Path, mesh: Mesh, options: WriteOptions) -> None:
     """A mesh as it is, binary STL, which holds neither bodies nor colours: that is told."""
     if mesh.bodies is not None:
         _tell_of_loss(options, mesh, "STL", bodies=True, colours=True)
+    _tell_of_place(path, float(np.abs(mesh.bounds_mm).max()), options)
     save_stl(path, mesh, force=options.force)
 
 
@@ -119,6 +124,7 @@ def write_mesh_ply(path: Path, mesh: Mesh, options: WriteOptions) -> None:
     import trimesh
 
     check_whole(path, mesh)
+    _tell_of_place(path, float(np.abs(mesh.bounds_mm).max()), options)
     looks: dict[str, Any] = {}
     vertices, faces = mesh.vertices, mesh.faces
     if mesh.bodies is not None:
@@ -136,6 +142,7 @@ def write_mesh_glb(path: Path, mesh: Mesh, options: WriteOptions) -> None:
     from layerfix.formats.solid.glb import glb_of
 
     check_whole(path, mesh)
+    _tell_of_place(path, float(np.abs(mesh.bounds_mm).max()), options)
     data = glb_of(_bodies(mesh))
     with whole_file(path, force=options.force) as file:
         file.write(data)
@@ -159,6 +166,16 @@ def _tell_of_loss(options: WriteOptions, mesh: Mesh, kind: str, *, bodies: bool,
     lost += ["colours"] if colours and mesh.bodies.has_colours else []
     if lost and options.tell is not None:
         options.tell(f"{mesh.name}: {' and '.join(lost)} are not kept apart in {kind}; .3mf, .glb and .obj do")
+
+
+def _tell_of_place(path: Path, farthest_mm: float, options: WriteOptions) -> None:
+    """A sentence on a part so far from the origin that 32-bit floats do not keep its shape."""
+    step_mm = float(np.spacing(np.float32(farthest_mm)))
+    if step_mm > COARSE_MM and options.tell is not None:
+        options.tell(
+            f"{path.name}: {path.suffix} keeps coordinates of {farthest_mm:.6g} mm to {format_mm(step_mm)} only;"
+            " write .3mf or .obj, or move the part to the origin"
+        )
 
 
 def check_whole(path: Path, mesh: Mesh) -> None:

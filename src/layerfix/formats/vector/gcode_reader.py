@@ -20,6 +20,7 @@ from layerfix.files import reading
 WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
 REST = re.compile(r"\([^)]*\)|\*\s*\d+|N\d+|\s")  # what else a move may hold: remarks, a checksum, its line's number
 LARGEST = 1e9  # mm: of more, no square is taken
+INCH_MM, LENGTHS = 25.4, "XYZEIJR"  # what G20 makes inches of
 UNPRINTED = ("custom",)
 ARC_STEP = math.pi / 18  # radians
 LAYER_MARKS = (";LAYER_CHANGE", ";LAYER:")  # what comes before the first is the start code, with its priming line
@@ -74,6 +75,7 @@ def read_gcode(path: str | FilePath, *, filament_mm: float = 1.75) -> list[Layer
     state = _State()
     found: dict[float, list[_Laid]] = {}
     heights: dict[float, float] = {}
+    unit_mm = 1.0
     begun = not any(line.startswith(LAYER_MARKS) for line in lines)
     for number, line in enumerate(lines, 1):
         begun = begun or line.startswith(LAYER_MARKS)
@@ -87,8 +89,11 @@ def read_gcode(path: str | FilePath, *, filament_mm: float = 1.75) -> list[Layer
             raise InputError(f"{path}: line {number} holds a number that is too large")
         if values.get("G") in (0, 1, 2, 3, 92) and REST.sub("", WORD.sub("", code)):
             raise InputError(f"{path}: line {number} is no move that can be read: {_short(code)}")
-        if values:
-            _move(state, values, filament_mm2, found, heights)
+        if values.get("G") in (20, 21):
+            unit_mm = INCH_MM if values["G"] == 20 else 1.0
+        elif values:
+            measured = {key: value * unit_mm if key in LENGTHS else value for key, value in values.items()}
+            _move(state, measured, filament_mm2, found, heights)
     _finish(state, found)
     if not found:
         raise InputError(f"{path}: lays nothing; is it G-code?")
