@@ -12,6 +12,7 @@ import threading
 import warnings
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from numba import typeof, types
@@ -258,6 +259,25 @@ def test_loading_needs_no_scipy_and_no_compiler(warm):
     loaded = set(run(warm, DILATE + "\nimport sys; print(*sys.modules, file=sys.stderr)")[1].split())
     assert "numba" in loaded
     assert loaded & {"scipy.linalg", "numba.np.arraymath"} == set()
+
+
+def assign(target, source):
+    """What two kernels are made of."""
+    target[:] = source
+
+
+def test_a_slice_that_does_not_fit_is_said_plainly(tmp_path, monkeypatch):
+    """Without the shapes, whose text would take an eighth of compiling; in numba's own functions it is as it was."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    floats = types.float64[::1]
+    mine = njit(types.void(floats, floats), cache=True)(assign)
+    with pytest.raises(ValueError, match="cannot assign slice from input of different size"):
+        mine(np.zeros(3), np.ones(2))
+    target = np.zeros(3)
+    mine(target, np.ones(3))
+    assert target.tolist() == [1, 1, 1]
+    with pytest.raises(ValueError, match=r"of shape \(3,\) from input of shape \(2,\)"):
+        numba.njit(assign)(np.zeros(3), np.ones(2))
 
 
 PRODUCT = """

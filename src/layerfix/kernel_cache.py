@@ -13,13 +13,16 @@ import os
 import pickle
 import secrets
 import sys
+import time
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-SUFFIX, TEMPORARY = ".kernel", ".new"
+SUFFIX, CLAIM, TEMPORARY = ".kernel", ".claim", ".new"
+CLAIM_S = 60.0  # no kernel takes so long: a claim that is older was left by a process that was killed
 DIGEST_BYTES = 16
 
 
@@ -74,6 +77,75 @@ def load(name: str, machine: str, digest: str) -> Any:
         if len(data) > DIGEST_BYTES and _digest(body) == data[:DIGEST_BYTES]:
             return pickle.loads(body)
     return None
+
+
+def kept(name: str, machine: str, digest: str) -> bool:
+    """Whether `load` has something to look at."""
+    return any((place / _file_name(name, machine, digest)).exists() for place in places())
+
+
+def claim(name: str, machine: str, digest: str) -> Path | bool:
+    """Say that this process compiles a kernel, so that others do not: the claim, to be given back by `release`.
+
+    False if another process compiles it just now; True where no claim can be written, and none is needed.
+    """
+    for place in places():
+        path = (place / _file_name(name, machine, digest)).with_suffix(CLAIM)
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            if claimed(name, machine, digest):
+                return False
+            path.unlink(missing_ok=True)
+            with path.open("x") as file:
+                file.write(str(os.getpid()))
+        except FileExistsError:
+            return False
+        except (OSError, ValueError):
+            continue
+        return path
+    return True
+
+
+def claimed(name: str, machine: str, digest: str) -> bool:
+    """Whether a process that is alive has claimed a kernel."""
+    for place in places():
+        path = (place / _file_name(name, machine, digest)).with_suffix(CLAIM)
+        try:
+            if time.time() - path.stat().st_mtime < CLAIM_S and _alive(path.read_text()):
+                return True
+        except (OSError, ValueError):
+            continue
+    return False
+
+
+def release(claim: Path | bool) -> None:
+    """Give a claim back."""
+    if isinstance(claim, Path):
+        with suppress(OSError):
+            claim.unlink()
+
+
+def forget_claims(pids: Sequence[int]) -> None:
+    """Clear away what processes that were killed have claimed."""
+    gone = {str(pid) for pid in pids}
+    for place in places():
+        for path in place.glob(f"*{CLAIM}"):
+            with suppress(OSError):
+                if path.read_text() in gone:
+                    path.unlink()
+
+
+def _alive(pid: str) -> bool:
+    """Whether there is such a process, as far as that can be asked; one that has not said its number yet is there."""
+    if os.name != "posix" or not pid:
+        return True
+    try:
+        os.kill(int(pid), 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def save(name: str, machine: str, digest: str, value: bytes) -> Path | None:

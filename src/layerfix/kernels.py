@@ -14,8 +14,11 @@ import hashlib
 import importlib
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
 from threading import Lock
 from types import CodeType, ModuleType
 from typing import Any, ClassVar
@@ -33,6 +36,7 @@ from numba.core.serialize import dumps
 
 from layerfix import kernel_cache, kernels_ahead
 
+LOOK_S = 0.02  # how often another process is looked at
 PACKAGE = __name__.partition(".")[0]
 _known: set[Any] = set()  # types, so that none is made anew
 _knowing = Lock()
@@ -100,13 +104,27 @@ class Kernel(Helper):
             if not self.overloads:
                 for kernel in self.calls:
                     kernel.ready()
-                self.compile(self.signature)
+                try:
+                    with short_messages():
+                        self.compile(self.signature)
+                finally:
+                    self._cache.release()
                 self.disable_compile()
                 # Other kernels call this one as it is, where numba would compile it into each of them once more.
                 compiled = self.compiled
                 self.targetctx.remove_user_function(compiled.entry_point)
                 self.targetctx.insert_user_function(compiled.entry_point, compiled.fndesc, [])
         return self.compiled.entry_point
+
+    def ready_if_kept(self) -> bool:
+        """Load it unless something has to be compiled for that, it or what it calls. Returns whether it is ready."""
+        if not self.overloads and all(kernel.ready_if_kept() for kernel in self.calls) and self._cache.is_kept():
+            self.ready()
+        return bool(self.overloads)
+
+    def can_be_compiled(self) -> bool:
+        """Whether all that it calls is there, and no other process compiles it just now."""
+        return all(kernel.ready_if_kept() for kernel in self.calls) and not self._cache.is_claimed()
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
         """numba's hook for argument types that are new. Raises TypeError for what the signature does not take."""
@@ -126,6 +144,7 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
+        self._claim: Path | bool = False
 
     @property
     def cache_path(self) -> str:
@@ -135,10 +154,33 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
         """The pickled parts of the compiled kernel, or None."""
         return kernel_cache.load(*self._names())
 
+    def is_kept(self) -> bool:
+        """Whether it was compiled before."""
+        return kernel_cache.kept(*self._names())
+
+    def is_claimed(self) -> bool:
+        """Whether another process compiles it just now."""
+        return kernel_cache.claimed(*self._names())
+
+    def release(self) -> None:
+        """It is compiled, or failed to be."""
+        kernel_cache.release(self._claim)
+        self._claim = False
+
+    def _of_another_process(self) -> Any:
+        """What another process compiles just now, once it has; None if none does: then it is for this one to do."""
+        names = self._names()
+        while not (found := kernel_cache.claim(*names)):
+            time.sleep(LOOK_S)
+        self._claim = found
+        return self.stored()
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         parts = self.stored()
         if parts is None:
             kernels_ahead.begin()
+            parts = self._of_another_process()
+        if parts is None:
             return None
         rtsys.initialize(target_context)  # what `target_context.refresh()` would do at the end of everything else
         return CompileResult._rebuild(target_context, *parts)
@@ -204,13 +246,54 @@ def ready(*modules: str) -> None:
         kernel.ready()
 
 
-def ready_share(first: int, step: int, parent: int, *modules: str) -> None:
-    """Every step-th kernel of these modules from the first, as long as the parent process is there."""
+def ready_beside(parent: int, *modules: str) -> None:
+    """All kernels of these modules that other processes do not compile, as long as the parent process is there."""
+    waiting = kernels_of(*modules)
     with suppress(KeyboardInterrupt):
-        for kernel in kernels_of(*modules)[first::step]:
-            if sys.platform != "win32" and os.getppid() != parent:
-                return
-            kernel.ready()
+        while waiting and (sys.platform == "win32" or os.getppid() == parent):
+            chosen = next((kernel for kernel in waiting if kernel.ready_if_kept() or kernel.can_be_compiled()), None)
+            if chosen is None:
+                time.sleep(LOOK_S)
+                continue
+            chosen.ready()
+            waiting.remove(chosen)
+
+
+@contextmanager
+def short_messages() -> Iterator[None]:
+    """Within the block, kernels are compiled with a plain message for a slice that gets values of another size.
+
+    numba would write both shapes into it, and with that compile its texts into every kernel that assigns to a slice:
+    an eighth of all the time.
+    """
+    from numba.np import arrayobj
+
+    before = getattr(arrayobj, "raise_with_shape_context", None)  # numba before 0.58 had none
+    if before is None:
+        yield
+        return
+    arrayobj.raise_with_shape_context = _without_shapes()
+    try:
+        yield
+    finally:
+        arrayobj.raise_with_shape_context = before
+
+
+@cache
+def _without_shapes() -> Callable[[Any, Any], None]:
+    from numba.extending import overload
+
+    def raise_plainly(given: Any, wanted: Any) -> None:
+        raise NotImplementedError
+
+    @overload(raise_plainly)  # type: ignore[untyped-decorator]
+    def raise_plainly_compiled(given: Any, wanted: Any) -> Callable[[Any, Any], None]:
+        def raise_it(given: Any, wanted: Any) -> None:
+            raise ValueError("cannot assign slice from input of different size")
+
+        return raise_it
+
+    return raise_plainly
 
 
 @contextmanager

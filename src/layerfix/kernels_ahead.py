@@ -1,8 +1,9 @@
 """Kernels compiled ahead, by other processes: numba compiles one at a time, and a first run waits for forty of them.
 
 The first time a kernel has to be compiled, some processes begin with the kernels of all modules that are imported so
-far, from the other end, and leave them in the cache on disk. The run goes on as before: what it comes to last is
-there already, or not. Nothing depends on these processes; they end with the run that began them.
+far, from the other end, and leave them in the cache on disk. Each claims what it compiles, so that no two compile the
+same; what the run comes to meanwhile it waits for. Nothing depends on these processes: the claim of one that is gone
+counts for nothing, and they end with the run that began them.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from layerfix import kernel_cache
 from layerfix.processors import processors
 
 MOST = 3  # processes
-PROGRAM = "import sys; from layerfix.kernels import ready_share; ready_share(*map(int, sys.argv[1:4]), *sys.argv[4:])"
+PROGRAM = "import sys; from layerfix.kernels import ready_beside; ready_beside(int(sys.argv[1]), *sys.argv[2:])"
 MARK = "LAYERFIX_COMPILES_AHEAD"
 _begun: list[subprocess.Popen[bytes]] = []
 _off = False
@@ -34,8 +35,8 @@ def begin() -> None:
         return
     count = min(processors() - 1, MOST)
     atexit.register(_end)
-    for k in range(count):
-        command = [sys.executable, "-c", PROGRAM, str(k), str(count), str(os.getpid()), *reversed(modules)]
+    for _ in range(count):
+        command = [sys.executable, "-c", PROGRAM, str(os.getpid()), *reversed(modules)]
         with suppress(OSError):
             _begun.append(
                 subprocess.Popen(
@@ -64,3 +65,4 @@ def _end() -> None:
             process.kill()
     for process in _begun:
         process.wait()
+    kernel_cache.forget_claims([process.pid for process in _begun])
