@@ -16,9 +16,8 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
-from pathlib import Path
 from threading import Lock
 from types import CodeType, ModuleType
 from typing import Any, ClassVar
@@ -104,11 +103,8 @@ class Kernel(Helper):
             if not self.overloads:
                 for kernel in self.calls:
                     kernel.ready()
-                try:
-                    with short_messages():
-                        self.compile(self.signature)
-                finally:
-                    self._cache.release()
+                with self._cache.compiling:
+                    self.compile(self.signature)
                 self.disable_compile()
                 # Other kernels call this one as it is, where numba would compile it into each of them once more.
                 compiled = self.compiled
@@ -144,7 +140,7 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
-        self._claim: Path | bool = False
+        self.compiling = ExitStack()  # what is over once it is compiled, or cannot be
 
     @property
     def cache_path(self) -> str:
@@ -162,17 +158,12 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
         """Whether another process compiles it just now."""
         return kernel_cache.claimed(*self._names())
 
-    def release(self) -> None:
-        """It is compiled, or failed to be."""
-        kernel_cache.release(self._claim)
-        self._claim = False
-
     def _of_another_process(self) -> Any:
         """What another process compiles just now, once it has; None if none does: then it is for this one to do."""
         names = self._names()
-        while not (found := kernel_cache.claim(*names)):
+        while not (claim := kernel_cache.claim(*names)):
             time.sleep(LOOK_S)
-        self._claim = found
+        self.compiling.callback(kernel_cache.release, claim)
         return self.stored()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -181,6 +172,7 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
             kernels_ahead.begin()
             parts = self._of_another_process()
         if parts is None:
+            self.compiling.enter_context(short_messages())
             return None
         rtsys.initialize(target_context)  # what `target_context.refresh()` would do at the end of everything else
         return CompileResult._rebuild(target_context, *parts)
@@ -193,8 +185,7 @@ class _Cache(NullCache):  # type: ignore[misc]  # numba has no types
 
     def _names(self) -> tuple[str, str, str]:
         kernel = self._kernel
-        python = sys.implementation.cache_tag
-        machine = _digest(repr((python, kernel.targetctx.codegen().magic_tuple())), 4)
+        machine = _machine(kernel.targetctx.codegen())
         # The order of a set is another one in every process.
         options = sorted(
             (name, sorted(value) if isinstance(value, (set, frozenset)) else value)
@@ -311,6 +302,12 @@ def compiling_told(tell: Callable[[str], None]) -> Iterator[None]:
 
     with event.install_listener("numba:compile", Listener()):
         yield
+
+
+@cache
+def _machine(codegen: Any) -> str:
+    """Digest of Python and the processor."""
+    return _digest(repr((sys.implementation.cache_tag, codegen.magic_tuple())), 4)
 
 
 def _bitcode_of_a_name(symbol: str) -> bytes:

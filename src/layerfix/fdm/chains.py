@@ -11,6 +11,7 @@ from layerfix.fdm.fields import FIELD, INDEX_LIST, POINTS, STARTS
 from layerfix.kernels import njit
 
 LENGTHS = types.Array(types.float64, 1, "C")
+PLACE, STEPS = types.UniTuple(types.float64, 6), types.UniTuple(types.float64, 5)
 MASK = types.Array(types.uint8, 2, "C")
 MOST_TURN = 1.1  # radians: in round spots, whose ridge is flat, the way would go round and round
 FALL = 3  # pixels over which a ridge falls where it ends
@@ -235,9 +236,28 @@ def simplified(line, share, tolerance, turns):  # type: ignore[no-untyped-def]  
     n, before = 0, 0.0
     for k in range(keep.shape[0]):
         if keep[k]:
-            points[n] = line[k, :2]
+            points[n, 0], points[n, 1] = line[k, 0], line[k, 1]
             if n:
                 spacings[n - 1] = (line[k, 2] + before) / 2
             before = line[k, 2]
             n += 1
     return points, spacings
+
+
+@njit(types.Tuple((POINTS, LENGTHS))(POINTS, LENGTHS, PLACE, STEPS), cache=True, nogil=True)
+def in_mm(points, spacings, place, steps):  # type: ignore[no-untyped-def]  # numba types it
+    """(points in mm, width of each piece) of what `simplified` gives.
+
+    place  (corner x, corner y) in px from the frame's, (x, y) mm of a pixel, (x, y) mm of the frame's corner
+    steps  the usual width, what is added to a spacing, the step from the usual width, the least and the largest width
+    """
+    corner_x, corner_y, pixel_x, pixel_y, origin_x, origin_y = place
+    usual, overlap, step, low, high = steps
+    out, widths = np.empty(points.shape), np.empty(spacings.shape)
+    for k in range(points.shape[0]):
+        out[k, 0] = (points[k, 0] + corner_x) * pixel_x + origin_x
+        out[k, 1] = (points[k, 1] + corner_y) * pixel_y + origin_y
+    for k in range(spacings.shape[0]):
+        width = usual + step * np.rint((spacings[k] + (overlap - usual)) / step)
+        widths[k] = min(max(np.rint(width * 1e4) / 1e4, low), high)
+    return out, widths

@@ -27,7 +27,7 @@ import numpy as np
 from layerfix.bits import pack
 from layerfix.fdm.balance import CELL_MM, Room, balanced
 from layerfix.fdm.beads import BRIDGE, EXTERNAL, GAP_FILL, PERIMETER, SOLID, SPARSE, TOP, Path, overlap_mm
-from layerfix.fdm.chains import simplified
+from layerfix.fdm.chains import in_mm, simplified
 from layerfix.fdm.covering import lay, lay_the_rest
 from layerfix.fdm.distance import edge_distance, share_of_cells
 from layerfix.fdm.fields import (
@@ -95,15 +95,25 @@ class _Sheet:
         """The frame's corner in mm."""
         return np.array(self.origin_mm)
 
+    @cached_property
+    def place(self) -> tuple[float, ...]:
+        """As `in_mm` takes it."""
+        return (*self.corner_px.tolist(), *self.scale.tolist(), *map(float, self.origin_mm))
+
+    @cached_property
+    def steps(self) -> tuple[float, ...]:
+        """As `in_mm` takes them."""
+        low, high = self.settings.range_mm
+        return float(self.width_mm), float(self.beads.overlap), WIDTH_STEP_MM, float(low), float(high)
+
     def path(self, points: Floats, kind: str) -> list[Path]:
         """(n, 3) x, y in px and spacing in mm, simplified: one path, or none if nothing is left of it."""
         line = np.ascontiguousarray(points)
         kept, spacings = simplified(line, WIDTH_SHARE / self.pixel_mm, TOLERANCE_PX, TURNS)
         if len(kept) < 3 and (kept[0] == kept[-1]).all():
             return []
-        steps = np.rint((spacings + (self.beads.overlap - self.width_mm)) / WIDTH_STEP_MM)
-        widths = np.clip(np.round(self.width_mm + WIDTH_STEP_MM * steps, 4), *self.settings.range_mm)
-        return [Path((kept + self.corner_px) * self.scale + self.origin, widths, kind)]
+        points_mm, widths = in_mm(kept, spacings, self.place, self.steps)
+        return [Path(points_mm, widths, kind)]
 
 
 @dataclass(frozen=True)
@@ -232,12 +242,12 @@ def _bridges(sheet: _Sheet, remaining: Field, body: Rows, bridges: Sequence[Brid
 def _what_is_left(open_rows: Rows, beads: Beads, width: int, pixel_mm: float) -> list[Floats]:
     """A stroke or a dot in each place (packed) that is still open and takes half of the narrowest bead: lobes beyond
     necks, the middle of stars."""
-    import cv2
-
     reach = LEFT * beads.narrowest / 2 / pixel_mm
     places = opened(open_rows, width, (reach, reach))
     if not places.any():
         return []
+    import cv2
+
     rows, columns = pixels_of(places)
     component, _ = components_at(places, columns, rows)
     lines = []
