@@ -59,9 +59,9 @@ class Helper(CPUDispatcher):  # type: ignore[misc]  # numba has no types
         return self._for_python(*args)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """numba's hook for a call from another function, which is being compiled: one code for 0 and for all integers,
-        where numba would compile it once more for every constant."""
-        plain = tuple(types.unliteral(arg) if isinstance(arg, types.IntegerLiteral) else arg for arg in args)
+        """numba's hook for a call from another function, which is being compiled: one code for all integers, where
+        numba would compile it once more for every constant."""
+        plain = tuple(arg.literal_type if isinstance(arg, types.IntegerLiteral) else arg for arg in args)
         return super().get_call_template(plain, kws)
 
     @property
