@@ -141,7 +141,9 @@ def test_ordinary_parts_do_not_change(circles):
     """Round shapes that are nowhere thinner than a pixel and a half: plain fill, to the pixel."""
     shape = unary_union([shapely.Point(x, y).buffer(r) for x, y, r in circles])
     shape = snapped(shape.buffer(-0.8).buffer(1.6).buffer(-0.8))  # rounds what corners there are, inside and out
-    assume(shape.difference(shape.buffer(-0.75).buffer(0.76)).area < 0.05)  # but two that nearly touch get a thin neck
+    assume(
+        shape.difference(shape.buffer(-0.75).buffer(0.76)).area < 0.05
+    )  # but two that nearly touch get a thin neck
     if pieces_of(shape):
         assert np.array_equal(filled(shape), filled(shape, thin=False))
 
