@@ -1,5 +1,5 @@
-"""Compile all kernels of the checkout, in as many processes as there are processors: tests would do it one by one,
-and several of them at once the same."""
+"""Compile all kernels of the checkout, in as many processes as there are processors, each of which takes what no
+other compiles: tests would do it one by one."""
 
 import os
 import subprocess
@@ -14,13 +14,9 @@ MODULES = [
 ]
 
 count = os.cpu_count() or 1
-code = f"""
-import os
-from layerfix.kernels import ready_share
-ready_share({{}}, {count}, os.getppid(), *{MODULES!r})
-"""
+code = f"import os; from layerfix.kernels import ready_beside; ready_beside(os.getppid(), *{MODULES!r})"
 running = [
-    subprocess.Popen([sys.executable, "-c", code.format(k)], env={**os.environ, "LAYERFIX_COMPILES_AHEAD": "1"})
-    for k in range(count)
+    subprocess.Popen([sys.executable, "-c", code], env={**os.environ, "LAYERFIX_COMPILES_AHEAD": "1"})
+    for _ in range(os.cpu_count() or 1)
 ]
 sys.exit(max(process.wait() for process in running))

@@ -50,13 +50,16 @@ def pruned(solid: np.ndarray, doubtful: np.ndarray) -> np.ndarray:
 
 
 def dimmed_in(grey: np.ndarray, threshold: int, floor: int) -> np.ndarray:
-    """Areas of dim pixels that no way leads to from the void, with the bright pixels between them."""
+    """Areas of dim pixels that no way leads to from the void, with the bright pixels between them; and parts without
+    a bright pixel that are wider than strokes."""
     faint, bright = grey >= floor, grey >= threshold
+    lone = faint & ~reached(bright, faint)
+    broad = reached(slow_twin.opening(lone, 2.5, 2.5), lone)
     dim = faint & ~bright
     inside = dim & ~reached(dim & ndimage.binary_dilation(~faint, ALL_AROUND), dim)
     if inside.sum() < PATTERN_PX:
-        return np.zeros(grey.shape, bool)
-    return slow_twin.opening(ndimage.binary_dilation(inside, ALL_AROUND), 2.5, 2.5) & faint
+        return broad
+    return broad | slow_twin.opening(ndimage.binary_dilation(inside, ALL_AROUND), 2.5, 2.5) & faint
 
 
 def solid_in(grey: np.ndarray, threshold: int = 128, floor: int = 32) -> np.ndarray:

@@ -240,6 +240,17 @@ def test_the_soft_edge_of_what_is_wide_is_no_crest(degrees):
     assert np.array_equal(solid(grey), grey >= 128)
 
 
+def test_a_part_that_is_dim_all_over_is_left_as_it_is():
+    """It is no stroke: whatever happens beside it, its greys stay; a faint stroke is thickened."""
+    grey = np.zeros((64, 128), np.uint8)
+    grey[5:20, 5:30], grey[30, 5:60], grey[40, 5:60] = 100, 255, 100
+    _, after, _, out = drawn_in(grey, (2.0, 2.0), "add_only")
+    assert (out[5:20, 5:30] == 100).all()
+    assert after[5:20, 5:30].all()
+    for row in (30, 40):
+        assert (out[row - 1 : row + 2, 6:59] >= 128).all()
+
+
 @pytest.mark.parametrize("pattern", ["chess", "stripes", "half"])
 def test_a_dimmed_interior_is_left_as_it_is(pattern):
     """A block with full walls, dimmed inside, stays; a hairline beside it is thickened."""

@@ -245,15 +245,23 @@ def ready(*modules: str) -> None:
 
 def ready_beside(parent: int, *modules: str) -> None:
     """All kernels of these modules that other processes do not compile, as long as the parent process is there."""
-    waiting = kernels_of(*modules)
+    waiting = _with_called(kernels_of(*modules))
     with suppress(KeyboardInterrupt):
         while waiting and (sys.platform == "win32" or os.getppid() == parent):
             chosen = next((kernel for kernel in waiting if kernel.ready_if_kept() or kernel.can_be_compiled()), None)
-            if chosen is None:
+            if chosen is None:  # all that is left, or what it calls, is in the making
                 time.sleep(LOOK_S)
                 continue
             chosen.ready()
             waiting.remove(chosen)
+
+
+def _with_called(kernels: Iterable[Kernel]) -> list[Kernel]:
+    """All of them and all that they call, each once, what is called first."""
+    found: dict[Kernel, None] = {}
+    for kernel in kernels:
+        found.update(dict.fromkeys([*_with_called(kernel.calls), kernel]))
+    return list(found)
 
 
 @contextmanager

@@ -75,13 +75,11 @@ def told_of_sheets(done: list[Layer]) -> list[str]:
 
 
 def told_of_dimmed(done: list[Layer]) -> list[str]:
-    """A word about dimmed interiors."""
+    """A word about dimmed interiors, and parts."""
     at = [layer.z_mm[0] for layer in done if layer.dimmed_px]
     if not at:
         return []
-    return [
-        f"dimmed inside in {counted(len(at), 'layer')}, the first at z = {at[0]:.3f} mm: a pattern, left as it is"
-    ]
+    return [f"dimmed areas in {counted(len(at), 'layer')}, the first at z = {at[0]:.3f} mm: left as they are"]
 
 
 def told_of_raised(done: list[Layer]) -> list[str]:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     Values = NDArray[np.uint8]
 
 U8 = np.uint8(1)
+BROAD_PX = 5.0  # what is faint and so wide is no stroke, not even where strokes cross
 PATTERN_PX = 16  # dim pixels: fewer are no pattern
 SUBSTEPS = 64  # columns a pixel is cut into for its coverage; each is exact in y
 
@@ -174,7 +175,7 @@ def solid_rows(image: Values | GreyImage, threshold: int, grey_floor: int) -> Se
     """What of a grey layer is solid: (H, W) uint8 → (H, words).
 
     Pixels from `threshold` on. From `grey_floor` on (0: none), also
-    - strokes that nowhere touch those;
+    - what nowhere touches those: strokes, and areas, which are dimmed as a whole;
     - the crest of strokes so thin that they reach the threshold only here and there. Near what is wider than three
       pixels, where a crest may be the tip of a corner, only what holds parts together;
     - what is dim inside of what is bright: a pattern that dims the exposure, not walls and gaps.
@@ -196,6 +197,7 @@ def solid_rows(image: Values | GreyImage, threshold: int, grey_floor: int) -> Se
     np.invert(lone, out=lone)
     lone &= faint
     del faint
+    dimmed = _with_broad(dimmed, lone, width)
     doubtful = crest.copy()
     _near_wide(doubtful, solid, disc_half_widths(4.0, 4.0))
     found = solid
@@ -228,6 +230,17 @@ def _dimmed(dim: Rows, faint: Rows, width: int) -> Rows | None:
         return None
     found = opened(dilate(inside, width, (1.5, 1.5)), width, (2.5, 2.5)) & faint
     return found if found.any() else None
+
+
+def _with_broad(dimmed: Rows | None, lone: Rows, width: int) -> Rows | None:
+    """What is dimmed, and parts that nowhere reach the threshold though they are wider than any stroke is."""
+    if not lone.any():
+        return dimmed
+    broad = opened(lone, width, (BROAD_PX / 2, BROAD_PX / 2))
+    if not broad.any():
+        return dimmed
+    broad = flood(broad, lone)
+    return broad if dimmed is None else broad | dimmed
 
 
 def disc_coverage(rx_px: float, ry_px: float, offset_px: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.float64]:
