@@ -149,3 +149,28 @@ def test_the_input_is_only_read(playground):
         playground.read_bytes()
         == write_stl(playground.with_name("again.stl"), sample("playground").mesh()).read_bytes()
     )
+
+
+IN_A_CALLBACK = """
+import ctypes, signal, sys, time
+from layerfix import __main__ as program
+def signalled():
+    signal.raise_signal(signal.{name})
+    time.sleep(0)
+def run():
+    ctypes.CFUNCTYPE(None)(signalled)()
+    print("went on", flush=True)
+    time.sleep(60)
+program._run = run
+program.main()
+"""
+
+
+@every_signal
+def test_a_signal_that_comes_in_a_callback_is_not_lost(name):
+    """Python drops what is raised in a function that C calls, as the compiler does; after that, the end comes."""
+    command = [sys.executable, "-c", IN_A_CALLBACK.format(name=name)]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=30)
+    assert done.returncode == SIGNALS[name][1]
+    assert done.stdout == "went on\n"
+    assert done.stderr == ("layerfix: stopped\n" if name == "SIGINT" else "")

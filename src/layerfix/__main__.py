@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 from types import FrameType
 from typing import TextIO
 
 from layerfix.console import one_line, speak_plainly
 
+AGAIN_S = 0.05
 # Signals that came. Some libraries swallow whatever their imports raise, so the commands look here too.
 _stopped: list[int] = []
+_lost: list[int] = []  # those of them whose exception went nowhere
 
 
 class Terminated(BaseException):
@@ -19,8 +22,29 @@ class Terminated(BaseException):
 
 def _stop(signum: int, frame: FrameType | None) -> None:
     _stopped.append(signum)
-    if len(_stopped) == 1:  # a second Ctrl-C must not interrupt the clearing away
+    if len(_stopped) == 1 or _lost:  # a second Ctrl-C must not interrupt the clearing away
+        _lost.clear()
         raise KeyboardInterrupt if signum == signal.SIGINT else Terminated
+
+
+def _ignored(what: sys.UnraisableHookArgs) -> None:
+    """Python's hook for exceptions that cannot be raised where they are: a signal that came in a callback of the
+    compiler would be lost there, so it is sent once more."""
+    if _stopped and isinstance(what.exc_value, (KeyboardInterrupt, Terminated)):
+        _lost.append(_stopped[0])
+        again = threading.Timer(AGAIN_S, _send, (_stopped[0],))
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(what)
+
+
+def _send(signum: int) -> None:
+    """A signal to the main thread, which may be waiting for something."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, signum)
+    else:
+        signal.raise_signal(signum)
 
 
 def main() -> None:
@@ -28,6 +52,7 @@ def main() -> None:
     speak_plainly()
     for signum in _signals():
         signal.signal(signum, _stop)
+    sys.unraisablehook = _ignored
     say_warnings()
     try:
         code = _run()
