@@ -98,6 +98,34 @@ def test_chitubox_keeps_its_images_when_something_fails(chitubox, tmp_path):
     assert "no run.gcode" in (tmp_path / "layerfix.log").read_text(encoding="utf-8")
 
 
+def test_chitubox_a_log_that_cannot_be_written_is_no_failure(chitubox, tmp_path):
+    """The images are corrected; a line says that there is no log."""
+    program, folder = chitubox
+    (program[1].parent / "options.txt").write_text("--min-feature 0.3mm\n")
+    before = (folder / "1.png").read_bytes()
+    done = run([*program, folder, tmp_path / "nowhere" / "part.zip"], tmp_path)
+    assert done.returncode == 0
+    assert "the log could not be written" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert (folder / "1.png").read_bytes() != before
+
+
+def test_a_program_that_cannot_be_started_is_said_and_all_jobs_are_corrected(tmp_path):
+    """LAYERFIX_THEN names none: one line for each, exit code 1."""
+    image = np.zeros((2560, 1440), bool)
+    image[100:200, 50:52] = True
+    stack = LayerStack.from_images([image], pixel_mm=0.04725, layer_mm=0.05)
+    jobs = [tmp_path / f"{name}.sl1" for name in "ab"]
+    for job in jobs:
+        write(job, stack, load_printer("prusa-sl1"))
+    env = {"LAYERFIX_OPTIONS": "-p prusa-sl1", "LAYERFIX_THEN": str(tmp_path / "no such program")}
+    done = run([sys.executable, PLUGINS / "dragonfruit" / "layerfix_send.py", *jobs], tmp_path, **env)
+    assert done.returncode == 1
+    assert done.stderr.count("LAYERFIX_THEN: ") == 2
+    assert "Traceback" not in done.stderr
+    assert all(job.with_name(f"{job.stem}_fixed.sl1").exists() for job in jobs)
+
+
 def test_a_host_that_sends_its_job_gets_a_corrected_one(tmp_path):
     """Beside it, opened by the next program; what cannot be corrected is passed on as it was, with exit code 1."""
     job, broken, seen = tmp_path / "my job.sl1", tmp_path / "broken.sl1", tmp_path / "seen"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -113,3 +115,24 @@ def test_what_does_not_match_is_refused():
     for one, other in ((stack, more), (stack, block(4, 9, 2)), (block(4, 9, 2), block(5, 9, 2))):
         with pytest.raises(InputError, match=r"match|stack"):
             compare_topology(one, other)
+
+
+def test_what_differs_within_a_word_or_in_mm_does_not_match():
+    """Widths of one word of pixels, pitches, corners and heights."""
+    image = block(20, 40, 2)
+    one = LayerStack.from_images([image], pixel_mm=0.1, layer_mm=0.1)
+    narrow = np.ascontiguousarray(image[:, :33])
+    wide = f"layers of {image.shape[1]} × {image.shape[0]} px and 33 × {image.shape[0]} px"
+    pitch, height = (LayerStack.from_images([image], pixel_mm=p, layer_mm=h) for p, h in ((0.2, 0.1), (0.1, 0.4)))
+    for other, words in (
+        (pitch, "pixels of 0.1 × 0.1 and of 0.2 × 0.2 mm"),
+        (height, "layer 0 is at z = 0 to 0.1 and 0 to 0.4 mm"),
+        (replace(one, origin_mm=(1.0, 1.0)), "corners of"),
+    ):
+        with pytest.raises(InputError, match=words):
+            compare_topology(one, other)
+    with pytest.raises(InputError, match=wide):
+        compare_topology(image, narrow)
+    with pytest.raises(InputError, match=wide):
+        compare_topology(one[0], LayerStack.from_images([narrow], pixel_mm=0.1, layer_mm=0.1)[0])
+    assert compare_topology(one, one) == []

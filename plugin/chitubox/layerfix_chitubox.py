@@ -33,11 +33,19 @@ def main(arguments: list[str]) -> int:
     try:
         said = correct(folder, options(Path(__file__).parent / "options.txt"))
     except (OSError, RuntimeError, zipfile.BadZipFile) as problem:
-        log.write_text(f"{problem}\n", encoding="utf-8")
+        note(log, f"{problem}\n")
         print(problem, file=sys.stderr)
         return 1
-    log.write_text(said, encoding="utf-8")
+    note(log, said)
     return 0
+
+
+def note(log: Path, text: str) -> None:
+    """Write the log; if that cannot be, say so: what was done to the images is done."""
+    try:
+        log.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        print(f"{log}: the log could not be written: {problem.strerror or problem}", file=sys.stderr)
 
 
 def options(path: Path) -> list[str]:

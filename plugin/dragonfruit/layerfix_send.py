@@ -38,7 +38,11 @@ def main(files: list[str]) -> int:
         failed |= wrong
         then = os.environ.get("LAYERFIX_THEN")
         if then:
-            subprocess.Popen([*shlex.split(then), str(source if wrong else target)])
+            try:
+                subprocess.Popen([*shlex.split(then), str(source if wrong else target)])
+            except OSError as problem:
+                print(f"LAYERFIX_THEN: {then}: {problem.strerror or problem}", file=sys.stderr)
+                failed = True
     return int(failed)
 
 

@@ -176,10 +176,15 @@ def save(name: str, machine: str, digest: str, value: bytes) -> Path | None:
 def _warn() -> None:
     warnings.warn(
         "compiled kernels cannot be kept, as no folder for them can be written to; every run compiles them anew"
-        " (NUMBA_CACHE_DIR names a folder)",
+        f" ({_advice()})",
         KernelsNotKept,
         stacklevel=2,
     )
+
+
+def _advice() -> str:
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    return f"NUMBA_CACHE_DIR is {given}" if given else "NUMBA_CACHE_DIR names a folder"
 
 
 def _file_name(name: str, machine: str, digest: str) -> str:

@@ -172,11 +172,11 @@ def summary_table(s: Summary) -> str:
 
 
 def _thinnest(s: Summary) -> str:
-    """With its precision, which is half a pixel."""
+    """With its precision."""
     assert s.thinnest_mm is not None
     if s.hairline_layers and s.thinnest_mm <= min(s.pixel_mm) * 1.01:
         return f"under {format_mm(min(s.pixel_mm))}"
-    return f"{format_mm(round(s.thinnest_mm, 4))} (± {format_mm(max(s.pixel_mm) / 2)})"
+    return f"{format_mm(round(s.thinnest_mm, 4))} (± {format_mm(s.within_mm)})"
 
 
 def rows_text(rows: Sequence[tuple[str, str]]) -> str:

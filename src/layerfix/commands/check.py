@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from layerfix.commands.axes import AxisVerdict, check_axes, judge_across, line_of
 from layerfix.commands.fix import as_asked, opened, usual_mode
 from layerfix.commands.machines import hint_of, job_printers
-from layerfix.commands.notes import is_sheet, thinner_than_layers
+from layerfix.commands.notes import is_sheet, thinner_than_layers, within_mm
 from layerfix.commands.options import min_feature_of
 from layerfix.commands.pages import check_page, report_on
 from layerfix.errors import InputError
@@ -49,6 +49,7 @@ class Verdict:
     thinnest_gap_mm: float | None
     thinnest_gap_z_mm: float | None
     thinnest_gap_at: Place | None
+    within_mm: float
     merged: int
     closed: int
     islands: tuple[Place, ...]
@@ -132,6 +133,7 @@ def check(
         thinnest_gap_mm=gap.thinnest_gap_mm if gap else None,
         thinnest_gap_z_mm=gap.z_mm[0] if gap else None,
         thinnest_gap_at=place(gap, True),
+        within_mm=within_mm(stack),
         merged=sum(change.count for change in topology if change.kind == "merged"),
         closed=sum(change.kind == "closed" for change in topology),
         islands=tuple(place for one in layers for place in one.islands),
@@ -167,7 +169,7 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
             )
         )
         rows.append(("lost", f"{v.lost_mm3:.4g} mm³; {counted(v.parts_lost, 'part')} of layers as a whole"))
-    precision = format_mm(max(v.pixel_mm) / 2)
+    precision = format_mm(v.within_mm)
     for name, width, z_mm, at in (
         ("thinnest", v.thinnest_mm, v.thinnest_z_mm, v.thinnest_at),
         ("thinnest gap", v.thinnest_gap_mm, v.thinnest_gap_z_mm, v.thinnest_gap_at),

@@ -106,8 +106,8 @@ def _made_there(fixed: LayerStack, surface: Kind | None, options: Options) -> Ab
         return nullcontext(fixed)
     if surface in ("smooth", "voxels"):
         raise InputError(
-            f"--scheduler spreads layers; the {surface} surface is of all of them at once: --surface layers, or leave"
-            " it out"
+            f"--scheduler spreads the layers of one file, and the {surface} surface is of all of them at once: leave"
+            " --scheduler out, take --surface layers, or give the file with --out-dir, where files are spread"
         )
     free = options.correction.keep_out
     if free is not None and find_format(free)[0].mesh is None:

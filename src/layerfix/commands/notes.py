@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from layerfix.mesh.empty import empty_between
+from layerfix.mesh.slicing import sliced_mesh
 from layerfix.units import counted, format_mm
 
 if TYPE_CHECKING:
     from layerfix.fdm import PathSettings
     from layerfix.layers.gaps import Conflict
     from layerfix.layers.topology import TopologyChange
-    from layerfix.stack import Layer
+    from layerfix.stack import Layer, LayerStack
 
 
 FEATHERS = 1000  # a sheet is more than so small a part of its layer
@@ -32,6 +33,12 @@ def doubts(tolerance_mm: float | None, paths: PathSettings | None, min_feature_m
             f" {format_mm(paths.range_mm[0])}"
         )
     return doubts
+
+
+def within_mm(stack: LayerStack) -> float:
+    """How near a measured width is: to what the layers show within half a pixel, to a mesh, whose sides may lie
+    anywhere between the centres of pixels, within a whole one."""
+    return max(stack.pixel_mm) * (0.5 if sliced_mesh(stack) is None else 1.0)
 
 
 def told_of_hairlines(done: list[Layer], pixel_mm: tuple[float, float]) -> list[str]:

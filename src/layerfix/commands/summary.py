@@ -17,6 +17,7 @@ from layerfix.commands.notes import (
     told_of_sheets,
     told_of_specks,
     told_of_topology,
+    within_mm,
 )
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class Summary:
     topology: tuple[TopologyChange, ...] = ()
     conflicts: tuple[Conflict, ...] = ()
     notes: tuple[str, ...] = ()
+    within_mm: float = 0.0  # of thinnest_mm
 
 
 def add_up(
@@ -119,4 +121,5 @@ def add_up(
             *told_of_specks(done),
             *told,
         ),
+        within_mm=within_mm(stack),
     )

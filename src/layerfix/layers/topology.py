@@ -225,6 +225,7 @@ def compare_topology(
                 f"{len(before)} layers of {before.width} × {before.height} px and {len(after)} of"
                 f" {after.width} × {after.height} px: they have to match"
             )
+        check_same_frame(before, after)
         found = [
             change
             for one, other in zip(before, after, strict=True)
@@ -233,10 +234,27 @@ def compare_topology(
         return sorted(found, key=lambda change: -change.area_mm2)
     if isinstance(before, LayerStack) or isinstance(after, LayerStack):
         raise InputError("a stack can be compared with a stack only")
-    rows = [layer.rows if isinstance(layer, Layer) else pack(layer) for layer in (before, after)]
-    if rows[0].shape != rows[1].shape:
-        raise InputError(f"layers of {rows[0].shape} and {rows[1].shape} packed rows: they have to match")
-    return list(changes_of_rows(rows[0], rows[1], (1.0, 1.0), (0.0, 0.0)))
+    one, other = ((layer.rows, layer.width) if isinstance(layer, Layer) else (pack(layer), np.shape(layer)[1])
+                  for layer in (before, after))  # fmt: skip
+    sizes = [f"{width} × {len(rows)} px" for rows, width in (one, other)]
+    if sizes[0] != sizes[1]:
+        raise InputError(f"layers of {sizes[0]} and {sizes[1]}: they have to match")
+    return list(changes_of_rows(one[0], other[0], (1.0, 1.0), (0.0, 0.0)))
+
+
+def check_same_frame(before: LayerStack, after: LayerStack) -> None:
+    """Raises InputError unless pixels and layers of two stacks, of as many of both, are at the same places."""
+    for name, one, other in (
+        ("pixels", before.pixel_mm, after.pixel_mm),
+        ("corners", before.origin_mm, after.origin_mm),
+    ):
+        if not np.allclose(one, other, rtol=1e-6, atol=1e-6):
+            shown = (" × ".join(f"{value:.6g}" for value in pair) for pair in (one, other))
+            raise InputError(f"{name} of {' and of '.join(shown)} mm: they have to match")
+    if not np.allclose(before.z_mm, after.z_mm, atol=1e-4):
+        k = int(np.flatnonzero(~np.isclose(before.z_mm, after.z_mm, atol=1e-4).all(axis=1))[0])
+        heights = " and ".join(f"{stack.z_mm[k, 0]:.6g} to {stack.z_mm[k, 1]:.6g}" for stack in (before, after))
+        raise InputError(f"layer {k} is at z = {heights} mm: they have to match")
 
 
 def changes_of_rows(
