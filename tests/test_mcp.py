@@ -103,6 +103,22 @@ def test_an_output_through_a_link_out_of_the_folder_is_refused(tmp_path):
     assert not list(other.iterdir())
 
 
+def test_answers_have_the_names_that_the_tools_have(tmp_path):
+    """Not those of the command line; and a pixel may have two sides."""
+    said = Confined(tmp_path).said
+    assert said(f"{tmp_path.resolve()}/a.zip: exists already; use --force to replace it") == (
+        "a.zip: exists already; use overwrite to replace it"
+    )
+    assert said("give --printer, or --pixel (such as --pixel 50um); (--first-layer) a--b --") == (
+        "give printer, or pixel (such as pixel 50um); (first_layer) a--b --"
+    )
+    write_stl(tmp_path / "part.stl", thin_part())
+    found = fix_within(Confined(tmp_path), "part.stl", "a.zip", "", "0.4mm", "50umx60um", "0.1mm")
+    assert found["pixel_mm"] == (0.05, 0.06)
+    with pytest.raises(InputError, match="'1umx2umx3um' is not a pitch"):
+        fix_within(Confined(tmp_path), "part.stl", "b.zip", "", "0.4mm", "1umx2umx3um", "0.1mm")
+
+
 def test_a_folder_that_is_not_there(tmp_path):
     """Said at the start."""
     done = run_layerfix("mcp", tmp_path / "none")

@@ -66,6 +66,15 @@ def parse_length_mm(text: str) -> float:
     return value_mm
 
 
+def parse_pitch_mm(text: str) -> tuple[float, float]:
+    """Read a pitch: one length, or two with an x between them, as ``19umx24um``. Raises InputError for others."""
+    parts = text.lower().replace("×", "x").split("x")
+    if len(parts) > 2:
+        raise InputError(f"'{text}' is not a pitch: write 50um, or 19umx24um")
+    sizes = [parse_length_mm(part) for part in parts]
+    return sizes[0], sizes[-1]
+
+
 def parse_scale(text: str) -> float:
     """``"1:87"`` → 1/87, ``"50%"`` → 0.5, ``"2"`` → 2.0: how many times as large a part becomes.
 

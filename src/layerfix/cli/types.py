@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from layerfix.errors import InputError
-from layerfix.units import parse_length_mm, parse_scale
+from layerfix.units import parse_length_mm, parse_pitch_mm, parse_scale
 
 
 class Length(click.ParamType[float]):
@@ -47,11 +47,10 @@ class Pitch(click.ParamType[tuple[float, float]]):
     name = "pitch"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
-        parts = str(value).lower().replace("×", "x").split("x")
-        if len(parts) > 2:
-            self.fail(f"'{value}' is not a pitch: write 50um, or 19umx24um", param, ctx)
-        sizes = [Length().convert(part, param, ctx) for part in parts]
-        return sizes[0], sizes[-1]
+        try:
+            return parse_pitch_mm(str(value))
+        except InputError as problem:
+            self.fail(str(problem), param, ctx)
 
 
 class Range(click.ParamType[tuple[int, int]]):

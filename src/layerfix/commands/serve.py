@@ -5,6 +5,7 @@ Sources: the protocol's specification (modelcontextprotocol.io) through its offi
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,12 +14,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from layerfix import __version__
 from layerfix.commands.options import Options, options_of
 from layerfix.errors import InputError, LayerfixError, OutputError
-from layerfix.units import parse_length_mm
+from layerfix.units import parse_length_mm, parse_pitch_mm
 
 if TYPE_CHECKING:
     from mcp.server import MCPServer
 
 Result = TypeVar("Result")
+OPTION, OTHER_NAMES = re.compile(r"(?<![\w-])--([a-z][a-z-]*)"), {"force": "overwrite"}
 MOST_PLACES = 20  # of each kind, in an answer
 INSTRUCTIONS = (
     "layerfix finds what is too thin for a 3D printer in a mesh, a resin job or layer images, and thickens that."
@@ -50,8 +52,9 @@ class Confined:
         return path
 
     def said(self, text: str) -> str:
-        """A message without where the folder is."""
-        return text.replace(f"{self.folder.resolve()}/", "")
+        """A message without where the folder is, and with the tools' own names for what the command line has."""
+        text = text.replace(f"{self.folder.resolve()}/", "")
+        return OPTION.sub(lambda found: OTHER_NAMES.get(found[1], found[1].replace("-", "_")), text)
 
 
 def server_for(folder: Path) -> MCPServer[Any]:
@@ -161,9 +164,10 @@ def _options(confined: Confined, printer: str, min_feature: str, pixel: str, lay
     known = None
     if printer:
         known = load_printer(confined.inside(printer) if printer.lower().endswith(".toml") else printer)
-    lengths = {name: parse_length_mm(text) for name, text in
-               (("min_feature_mm", min_feature), ("layer_mm", layer), ("pixel_mm", pixel)) if text}  # fmt: skip
-    given: dict[str, Any] = {**lengths, **more}
-    if "pixel_mm" in given:
-        given["pixel_mm"] = (given["pixel_mm"], given["pixel_mm"])
+    given: dict[str, Any] = dict(more)
+    for name, text in (("min_feature_mm", min_feature), ("layer_mm", layer)):
+        if text:
+            given[name] = parse_length_mm(text)
+    if pixel:
+        given["pixel_mm"] = parse_pitch_mm(pixel)
     return options_of(known, given)
