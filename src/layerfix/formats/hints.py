@@ -38,7 +38,7 @@ class Hints:
     def pitch(self, said: tuple[float, float] | None) -> tuple[float, float] | None:
         """The pixels' pitch: given, else the file's, else the printer's."""
         given = self.pixel_mm
-        if given and said and max(abs(g - s) / s for g, s in zip(given, said, strict=True)) > ALIKE:
+        if given and said and any(abs(g - s) > ALIKE * s for g, s in zip(given, said, strict=True)):
             self.told.append(f"the file says pixels of {_pitch(said)}; counted as {_pitch(given)}, as asked")
         return given or said or (self.printer.pixel_mm if self.printer else None)
 
