@@ -11,7 +11,6 @@ from typing import TextIO
 from layerfix.console import one_line, speak_plainly
 
 AGAIN_S = 0.05
-SWITCH_S = 5e-4  # a thread that leaves a kernel waits no longer for another's Python: at 5 ms G-code takes 8 % longer
 # Signals that came. Some libraries swallow whatever their imports raise, so the commands look here too.
 _stopped: list[int] = []
 _lost: list[int] = []  # those of them whose exception went nowhere
@@ -54,7 +53,6 @@ def main() -> None:
     for signum in _signals():
         signal.signal(signum, _stop)
     sys.unraisablehook = _ignored
-    sys.setswitchinterval(SWITCH_S)
     say_warnings()
     try:
         code = _run()
