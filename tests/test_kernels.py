@@ -342,7 +342,7 @@ def test_a_warm_start_loads_no_linear_algebra(tmp_path, to):
 def test_the_type_of_an_argument_is_made_once():
     """Once it is known, every thread brings the same one, and it outlives the calls."""
     value = (np.arange(3, dtype=np.int8), 1.0, (np.arange(4.0), True))
-    kernels.know(value)
+    kernels.know(value, typeof(value))
     code = typeof(value)._code
     gc.collect()
     found: list[int] = []

@@ -29,7 +29,7 @@ from numba.core import config, event, types
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.registry import CPUDispatcher
+from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
@@ -216,14 +216,21 @@ def njit(signature: Any = None, *, cache: bool = False, **options: Any) -> Any:
     return decorate
 
 
-def know(*values: Any) -> None:
-    """Have numba know the types of these arguments before threads bring them.
+def know(value: Any, kind: types.Type, *kernels: Any) -> None:
+    """Have numba know the type of an argument, and that kernels take it as `kind`, before threads bring it; and have
+    those kernels ready.
 
-    Two threads that are first with a tuple can make its type twice; the kernel then knows one of the two, and refuses
-    what comes with the other (seen once in some thousand runs).
+    Two threads that are first with a tuple can make its type twice; and a kernel that one thread brings it to while
+    another loads the kernel may refuse it (seen once in some hundred runs of two threads on a busy machine).
     """
     with _knowing:
-        _known.update(numba.typeof(value) for value in values)
+        actual = numba.typeof(value)
+        _known.add(actual)
+        if not cpu_target.typing_context.install_possible_conversions([actual], [kind]):
+            raise TypeError(f"{actual} is not taken as {kind}")
+    for kernel in kernels:
+        if isinstance(kernel, Kernel):  # plain functions are where numba compiles nothing
+            kernel.ready()
 
 
 def kernels_of(*modules: str) -> list[Kernel]:

@@ -36,15 +36,6 @@ class Tool(NamedTuple):
     plan: tuple[Any, ...]
 
 
-@lru_cache(maxsize=32)
-def tool_of(feature: Feature, spurs: Spurs) -> Tool:
-    """What `find_printed` works with."""
-    metric, rounds, plan = spur_numbers(feature, spurs)
-    tool = Tool((feature.half_widths, *feature.block, feature.by_size, metric, rounds), plan)
-    know(tool.values)
-    return tool
-
-
 @njit
 def _misses_any(solid, printed):  # type: ignore[no-untyped-def]  # numba types it
     """Whether S has a pixel that is not printed."""
@@ -81,6 +72,15 @@ def find_printed(images, tool, plan, zeros, whole, draw):  # type: ignore[no-unt
     if found and draw:
         draw_paths(paths, printed, half_widths, bx, by, scratch[0])
     return found
+
+
+@lru_cache(maxsize=32)
+def tool_of(feature: Feature, spurs: Spurs) -> Tool:
+    """What `find_printed` works with."""
+    metric, rounds, plan = spur_numbers(feature, spurs)
+    tool = Tool((feature.half_widths, *feature.block, feature.by_size, metric, rounds), plan)
+    know(tool.values, TOOL, zeros_needed, find_printed)
+    return tool
 
 
 def printed_and_paths(

@@ -85,7 +85,7 @@ class Plan:
             self.outside, self.scale, self.pixel, self.radius, self.margin_px, STRIP * max(self.halo, 2),
             self.round,
         )  # fmt: skip
-        know(numbers)
+        know(numbers, PLAN)
         return numbers
 
 
