@@ -17,6 +17,6 @@ count = os.cpu_count() or 1
 code = f"import os; from layerfix.kernels import ready_beside; ready_beside(os.getppid(), *{MODULES!r})"
 running = [
     subprocess.Popen([sys.executable, "-c", code], env={**os.environ, "LAYERFIX_COMPILES_AHEAD": "1"})
-    for _ in range(os.cpu_count() or 1)
+    for _ in range(count)
 ]
 sys.exit(max(process.wait() for process in running))

@@ -16,6 +16,7 @@ import numba
 import numpy as np
 import pytest
 from numba import typeof, types
+from numba.np import arrayobj
 
 from layerfix import kernel_cache, kernels
 from layerfix.bits import pack, popcount
@@ -276,7 +277,10 @@ def test_a_slice_that_does_not_fit_is_said_plainly(tmp_path, monkeypatch):
     target = np.zeros(3)
     mine(target, np.ones(3))
     assert target.tolist() == [1, 1, 1]
-    with pytest.raises(ValueError, match=r"of shape \(3,\) from input of shape \(2,\)"):
+    theirs = (
+        r"of shape \(3,\) from input of shape \(2,\)" if hasattr(arrayobj, "raise_with_shape_context") else "size"
+    )
+    with pytest.raises(ValueError, match=theirs):
         numba.njit(assign)(np.zeros(3), np.ones(2))
 
 

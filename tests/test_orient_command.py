@@ -7,11 +7,14 @@ import signal
 import time
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from PIL import Image
 
 import layerfix as lf
+from layerfix.cli.orient import searching
+from layerfix.orientation.search import State
 from layerfix.samples import sample
 from tests.making import box, contents, joined, run_layerfix, start_layerfix, turned, write_stl
 
@@ -239,3 +242,14 @@ def test_many_files_need_a_folder(part):
     done = run_layerfix("fix", part, part, "out.zip", *HOW)
     assert done.code == 2
     assert "Several inputs go with --out-dir DIR" in done.err
+
+
+def test_a_signal_whose_exception_went_nowhere_ends_the_search():
+    """It is raised once more, and then no more: what was found so far is written."""
+    state = State(1, 2, 3.0, "turning")
+    with click.Context(click.Command("orient"), obj=[]) as context, searching("part.stl") as shown:
+        shown(state)
+        context.obj.append(2)
+        with pytest.raises(KeyboardInterrupt):
+            shown(state)
+        shown(state)

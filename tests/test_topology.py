@@ -126,7 +126,7 @@ def test_what_differs_within_a_word_or_in_mm_does_not_match():
     pitch, height = (LayerStack.from_images([image], pixel_mm=p, layer_mm=h) for p, h in ((0.2, 0.1), (0.1, 0.4)))
     for other, words in (
         (pitch, "pixels of 0.1 × 0.1 and of 0.2 × 0.2 mm"),
-        (height, "layer 0 is at z = 0 to 0.1 and 0 to 0.4 mm"),
+        (height, "layer 0 is at z 0 to 0.1 mm in one and at 0 to 0.4 mm in the other"),
         (replace(one, origin_mm=(1.0, 1.0)), "corners of"),
     ):
         with pytest.raises(InputError, match=words):

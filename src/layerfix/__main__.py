@@ -10,7 +10,7 @@ from typing import TextIO
 
 from layerfix.console import one_line, speak_plainly
 
-AGAIN_S = 0.05
+AGAIN_S = 0.05  # after which a signal that was lost is sent once more: the callback is left by then
 # Signals that came. Some libraries swallow whatever their imports raise, so the commands look here too.
 _stopped: list[int] = []
 _lost: list[int] = []  # those of them whose exception went nowhere

@@ -266,8 +266,15 @@ def ready_beside(parent: int, *modules: str) -> None:
 def _with_called(kernels: Iterable[Kernel]) -> list[Kernel]:
     """All of them and all that they call, each once, what is called first."""
     found: dict[Kernel, None] = {}
+
+    def add(kernel: Kernel) -> None:
+        if kernel not in found:
+            for called in kernel.calls:
+                add(called)
+            found[kernel] = None
+
     for kernel in kernels:
-        found.update(dict.fromkeys([*_with_called(kernel.calls), kernel]))
+        add(kernel)
     return list(found)
 
 
@@ -280,7 +287,7 @@ def short_messages() -> Iterator[None]:
     """
     from numba.np import arrayobj
 
-    before = getattr(arrayobj, "raise_with_shape_context", None)  # numba before 0.58 had none
+    before = getattr(arrayobj, "raise_with_shape_context", None)  # numba 0.61 has none, nor such texts
     if before is None:
         yield
         return
@@ -298,7 +305,7 @@ def _without_shapes() -> Callable[[Any, Any], None]:
     def raise_plainly(given: Any, wanted: Any) -> None:
         raise NotImplementedError
 
-    @overload(raise_plainly)  # type: ignore[untyped-decorator]
+    @overload(raise_plainly)  # type: ignore[untyped-decorator]  # numba has no types
     def raise_plainly_compiled(given: Any, wanted: Any) -> Callable[[Any, Any], None]:
         def raise_it(given: Any, wanted: Any) -> None:
             raise ValueError("cannot assign slice from input of different size")

@@ -135,7 +135,7 @@ def searching(name: str) -> Iterator[Callable[[State], None]]:
 
     A Ctrl-C whose exception something swallowed is raised once more.
     """
-    stopped: list[int] = click.get_current_context().obj or []
+    stopped: list[int] = click.get_current_context().obj
     raised: list[int] = []
 
     def stop_if_told() -> None:

@@ -145,7 +145,7 @@ def _surface(target: Path, stack: LayerStack, options: Options) -> Kind | None:
     given, output, how = options.output.get("surface"), options.output, options.correction
     if given is None and (output.get("smooth") or output.get("only_changes")):
         return "voxels"
-    to_the_pixel = how.keep_gaps_mm is not None or how.keep_out is not None or (how.min_layers or 1) > 1
+    to_the_pixel = _to_the_pixel(options)
     if given is None:
         from layerfix.surface.kinds import keeps_a_mesh
 
@@ -159,19 +159,24 @@ def _surface(target: Path, stack: LayerStack, options: Options) -> Kind | None:
     return kind
 
 
+def _to_the_pixel(options: Options) -> list[str]:
+    """The options given that keep free or raise something to the pixel, which no smooth surface does."""
+    how = options.correction
+    given = {
+        "--keep-gaps": how.keep_gaps_mm is not None,
+        "--keep-out": how.keep_out is not None,
+        "--min-layers": (how.min_layers or 1) > 1,
+    }
+    return [option for option, is_given in given.items() if is_given]
+
+
 def _told_of_surface(surface: Kind | None, mesh: Mesh | None, options: Options) -> list[str]:
     """A word about a mesh that becomes its layers because of an option that is not about surfaces."""
     if surface != "layers" or mesh is None or options.output.get("surface") is not None:
         return []
-    how = options.correction
-    reasons = {
-        "--keep-gaps": how.keep_gaps_mm is not None,
-        "--keep-out": how.keep_out is not None,
-        "--min-layers": (how.min_layers or 1) > 1,
-        "--layers": options.run.layers is not None,
-        "--fill": (options.slicing.fill or "nonzero") != "nonzero",
-    }
-    named = [option for option, given in reasons.items() if given]
+    named = _to_the_pixel(options)
+    named += ["--layers"] if options.run.layers is not None else []
+    named += ["--fill"] if (options.slicing.fill or "nonzero") != "nonzero" else []
     if not named:
         return []
     return [

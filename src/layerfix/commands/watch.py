@@ -130,9 +130,8 @@ class Watch:
         for path in self.folder.iterdir():
             signature = signature_of(path) if self._is_job(path) else None
             known = self.journal.jobs.get(path.name)
-            if signature is not None and not (
-                known is not None and known.signature == signature and self._settled(known)
-            ):
+            settled = known is not None and known.signature == signature and self._settled(known)
+            if signature is not None and not settled:
                 found.append((path, signature))
         return sorted(found, key=lambda one: (one[1].mtime_ns, one[0].name))
 

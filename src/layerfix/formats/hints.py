@@ -10,6 +10,8 @@ from layerfix.stack import layer_bounds_mm
 from layerfix.units import format_mm
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -52,8 +54,10 @@ class Hints:
         self._compare("a first layer", said, self.first_layer_mm)
         return self.first_layer_mm or said
 
-    def bounds(self, said: NDArray[np.float64]) -> NDArray[np.float64]:
+    def bounds(self, where: Path | str, said: NDArray[np.float64]) -> NDArray[np.float64]:
         """(layers, 2): bottom and top of each, of a file that says them of every layer.
+
+        where  the file, for messages
 
         Raises InputError for a first layer's height alone: the others would stay where they are.
         """
@@ -61,8 +65,8 @@ class Hints:
             first = float(said[0, 1] - said[0, 0])
             if self.first_layer_mm is not None and abs(self.first_layer_mm - first) > ALIKE * first:
                 raise InputError(
-                    f"a first layer of {format_mm(self.first_layer_mm)}: the file says where every layer is, the"
-                    f" first {format_mm(first)} high; give the layer height, too (--layer)"
+                    f"{where}: a first layer of {format_mm(self.first_layer_mm)}: the file says where every layer is,"
+                    f" the first {format_mm(first)} high; give the layer height, too (--layer)"
                 )
             return said
         found = layer_bounds_mm(len(said), self.layer_mm, self.first_layer_mm)

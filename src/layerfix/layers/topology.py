@@ -251,10 +251,18 @@ def check_same_frame(before: LayerStack, after: LayerStack) -> None:
         if not np.allclose(one, other, rtol=1e-6, atol=1e-6):
             shown = (" × ".join(f"{value:.6g}" for value in pair) for pair in (one, other))
             raise InputError(f"{name} of {' and of '.join(shown)} mm: they have to match")
-    if not np.allclose(before.z_mm, after.z_mm, atol=1e-4):
-        k = int(np.flatnonzero(~np.isclose(before.z_mm, after.z_mm, atol=1e-4).all(axis=1))[0])
-        heights = " and ".join(f"{stack.z_mm[k, 0]:.6g} to {stack.z_mm[k, 1]:.6g}" for stack in (before, after))
-        raise InputError(f"layer {k} is at z = {heights} mm: they have to match")
+    check_same_heights(before, after, ("one", "the other"))
+
+
+def check_same_heights(before: LayerStack, after: LayerStack, names: tuple[str, str]) -> None:
+    """Raises InputError, with the first layer and both names, unless all layers of two stacks are at the same z."""
+    same = np.isclose(before.z_mm, after.z_mm, atol=1e-4).all(axis=1)
+    if not same.all():
+        k = int(np.flatnonzero(~same)[0])
+        raise InputError(
+            f"layer {k} is at z {before.z_mm[k, 0]:g} to {before.z_mm[k, 1]:g} mm in {names[0]} and at"
+            f" {after.z_mm[k, 0]:g} to {after.z_mm[k, 1]:g} mm in {names[1]}"
+        )
 
 
 def changes_of_rows(

@@ -12,7 +12,7 @@ import numpy as np
 
 from layerfix import __version__
 from layerfix.errors import InputError
-from layerfix.layers.topology import changes_of_rows
+from layerfix.layers.topology import changes_of_rows, check_same_heights
 from layerfix.mesh.empty import empty_between, told_of_gaps
 from layerfix.mesh.slicing import plate_mm, sliced_mesh
 from layerfix.report.bodies import MOST_TRIANGLES, body, reduced_body
@@ -116,12 +116,7 @@ def check_alike(before: LayerStack, after: LayerStack, names: tuple[str, str]) -
         sizes = [f"{n} has {len(s)} layers of {s.width} × {s.height} px" for n, s in zip(names, (before, after),
                                                                                        strict=True)]  # fmt: skip
         raise InputError(f"{sizes[0]}, and {sizes[1]}: they are not the same layers before and after")
-    if not np.allclose(before.z_mm, after.z_mm, atol=1e-4):
-        k = int(np.flatnonzero(~np.isclose(before.z_mm, after.z_mm, atol=1e-4).all(axis=1))[0])
-        raise InputError(
-            f"layer {k} is at z {before.z_mm[k, 0]:g} to {before.z_mm[k, 1]:g} mm in {names[0]} and at"
-            f" {after.z_mm[k, 0]:g} to {after.z_mm[k, 1]:g} mm in {names[1]}"
-        )
+    check_same_heights(before, after, names)
 
 
 def collect(

@@ -218,8 +218,5 @@ def bounds_of_table(
     at, which = np.unique(z, return_inverse=True)
     if len(at) == 1 < len(z):
         raise InputError(f"{path}: the layers' heights do not rise")
-    try:
-        found: NDArray[np.float64] = hints.bounds(bounds(at))[which]
-        return found
-    except InputError as problem:
-        raise InputError(f"{path}: {problem}") from problem
+    found: NDArray[np.float64] = hints.bounds(path, bounds(at))[which]
+    return found

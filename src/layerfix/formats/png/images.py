@@ -158,10 +158,7 @@ def _frames_note(names: list[str], heads: list[Head]) -> tuple[str, ...]:
 def _z_mm(where: str, heads: list[Head], hints: Hints) -> NDArray[np.float64] | None:
     said = [head.notes.get("z_mm") for head in heads]
     if None not in said:
-        try:
-            return hints.bounds(np.array(said, np.float64).reshape(-1, 2))
-        except InputError as problem:
-            raise InputError(f"{where}: {problem}") from problem
+        return hints.bounds(where, np.array(said, np.float64).reshape(-1, 2))
     if hints.layer_mm is not None:
         return layer_bounds_mm(len(heads), hints.layer_mm, hints.first_layer_mm)
     if hints.printer is None:
