@@ -63,6 +63,8 @@ class Layer:
     sheet_px  pixels of what is thinner than a layer and was met by no mid-plane
     sheets_lost  parts of such, too thin to be kept
     small    (n, 2) row and column of the middles of pieces that are small and separate, though pixels may join them
+    joined   pieces of a mesh that are one part here: they are within two pixels of one another; each a
+             `layerfix.layers.topology.TopologyChange`
     specks   packed rows of the parts with nothing below and above, where they are to be left as they are
     raised_px  pixels that were added for what is of too few layers
     dimmed_px  pixels of dimmed interiors, which count as solid and are left as they are
@@ -82,6 +84,7 @@ class Layer:
     raised_px: int = 0
     small: NDArray[np.int64] | None = None
     specks: Rows | None = None
+    joined: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
         """Raises InputError unless `rows` keeps the contract; marks it read-only."""
@@ -130,7 +133,8 @@ class Layer:
                 tuple(replace(one, z_mm=z_mm) for one in found) for found in (change.topology, change.conflicts)
             )
             change = replace(change, topology=topology, conflicts=conflicts)
-        return replace(self, z_mm=z_mm, change=change)
+        joined = tuple(replace(one, z_mm=z_mm) for one in self.joined)
+        return replace(self, z_mm=z_mm, change=change, joined=joined)
 
     def image(self) -> Image:
         """(H, W) bool, row 0 at the back of the build plate (largest y)."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from layerfix.commands.axes import AxisVerdict, check_axes, judge_across, line_of
 from layerfix.commands.fix import as_asked, opened, usual_mode
 from layerfix.commands.machines import hint_of, job_printers
-from layerfix.commands.notes import is_sheet, thinner_than_layers, within_mm
+from layerfix.commands.notes import is_sheet, thinner_than_layers, told_of_joined, within_mm
 from layerfix.commands.options import min_feature_of
 from layerfix.commands.pages import check_page, report_on
 from layerfix.errors import InputError
@@ -58,6 +58,7 @@ class Verdict:
     topology: tuple[TopologyChange, ...]
     hairline_layers: int
     sheet_layers: int
+    joined: tuple[TopologyChange, ...]
     sheets_lost: int
     layers_with_gaps: int
     longest_gap_mm: float
@@ -142,6 +143,7 @@ def check(
         topology=tuple(topology),
         hairline_layers=sum(one.hairline_px > 0 for one in layers),
         sheet_layers=sum(one.sheet_px > 0 for one in layers),
+        joined=tuple(change for one in layers for change in one.joined),
         sheets_lost=sum(one.sheets_lost for one in layers),
         layers_with_gaps=sum(one.gaps is not None for one in layers),
         longest_gap_mm=max((one.gaps.longest_mm for one in layers if one.gaps is not None), default=0.0),
@@ -180,6 +182,7 @@ def lines_of(v: Verdict) -> list[tuple[str, str]]:
     rows += [("lost at", _where(place)) for place in v.lost[:3]]
     if v.hairline_layers:
         rows.append(("hairlines", f"thinner than a pixel in {counted(v.hairline_layers, 'layer')}"))
+    rows += [("joined", word) for word in told_of_joined(v.joined)]
     rows += _of_sheets(v)
     if v.sheets_lost:
         rows.append(("sheets", f"{counted(v.sheets_lost, 'part')} thinner than a quarter of a layer, in no layer"))

@@ -52,6 +52,18 @@ def told_of_hairlines(done: list[Layer], pixel_mm: tuple[float, float]) -> list[
     ]
 
 
+def told_of_joined(joined: Sequence[TopologyChange]) -> list[str]:
+    """A word about pieces of a mesh that the raster joins: how many, and the three largest places."""
+    if not joined:
+        return []
+    found = sorted(joined, key=lambda one: -one.area_mm2)
+    number, heights = sum(one.count for one in found), len({one.z_mm for one in found})
+    return [
+        f"{number} pieces less than two pixels apart are {counted(len(found), 'part')} in the layers, in"
+        f" {counted(heights, 'layer')}; the largest: {_places(found)}"
+    ]
+
+
 def is_sheet(sheet_px: float, solid_px: float) -> bool:
     """Whether so much of a layer is more than feather edges of slopes, which reach a quarter of a layer, too."""
     return sheet_px * FEATHERS > solid_px

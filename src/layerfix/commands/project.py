@@ -199,6 +199,7 @@ def _together(summaries: list[Summary], notes: list[str], seconds: float) -> Sum
         layers_with_gaps=sum(s.layers_with_gaps for s in summaries),
         longest_gap_mm=max(s.longest_gap_mm for s in summaries),
         hairline_layers=sum(s.hairline_layers for s in summaries),
+        joined=tuple(change for s in summaries for change in s.joined),
         topology=tuple(change for s in summaries for change in s.topology),
         conflicts=tuple(conflict for s in summaries for conflict in s.conflicts),
         notes=tuple(notes),

@@ -13,6 +13,7 @@ from layerfix.commands.notes import (
     told_of_dimmed,
     told_of_empty_layers,
     told_of_hairlines,
+    told_of_joined,
     told_of_raised,
     told_of_sheets,
     told_of_specks,
@@ -50,6 +51,7 @@ class Summary:
     seconds: float
     most_changed_layer: int = 0
     hairline_layers: int = 0
+    joined: tuple[TopologyChange, ...] = ()
     topology: tuple[TopologyChange, ...] = ()
     conflicts: tuple[Conflict, ...] = ()
     notes: tuple[str, ...] = ()
@@ -86,6 +88,7 @@ def add_up(
     turned = [c.added_px + c.removed_px for _, c in changes]
     topology = tuple(sorted((t for _, c in changes for t in c.topology), key=lambda t: -t.area_mm2))
     conflicts = tuple(sorted((c for _, change in changes for c in change.conflicts), key=lambda c: c.width_mm))
+    joined = tuple(one for layer in done for one in layer.joined)
     return Summary(
         source=str(source),
         target=str(target),
@@ -107,12 +110,14 @@ def add_up(
         seconds=time.perf_counter() - started,
         most_changed_layer=turned.index(max(turned)) if turned else 0,
         hairline_layers=sum(layer.hairline_px > 0 for layer in done),
+        joined=joined,
         topology=topology,
         conflicts=conflicts,
         notes=(
             *stack.notes,
             *told_of_empty_layers(done),
             *told_of_hairlines(done, stack.pixel_mm),
+            *told_of_joined(joined),
             *told_of_sheets(done),
             *told_of_dimmed(done),
             *told_of_raised(done),

@@ -69,6 +69,29 @@ def row_edges(columns):  # type: ignore[no-untyped-def]  # numba types it
 
 
 @njit
+def edges_of_rows(rows):  # type: ignore[no-untyped-def]  # numba types it
+    """`row_edges` of packed rows."""
+    height, words = rows.shape
+    starts, edges, n = np.zeros(height + 1, np.int64), np.empty(4 * height + 64, np.int64), 0
+    for y in range(height):
+        west = U0
+        for w in range(words + 1):
+            here = rows[y, w] if w < words else U0
+            turns = here ^ (here << U1) ^ (west >> U63)
+            west = here
+            while turns != U0:
+                if n == edges.shape[0]:
+                    longer = np.empty(2 * n, np.int64)
+                    longer[:n] = edges
+                    edges = longer
+                edges[n] = 64 * w + lowest_bit(turns)
+                n += 1
+                turns &= turns - U1
+        starts[y + 1] = n
+    return starts, edges[:n]
+
+
+@njit
 def _runs_between(starts, edges, width, of_void):  # type: ignore[no-untyped-def]  # numba types it
     """(n, 3) row, first, past the last of the runs of solid (or void) in rows with these edges."""
     height = starts.shape[0] - 1

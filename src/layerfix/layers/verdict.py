@@ -72,6 +72,7 @@ class LayerVerdict:
     hairline_px     pixels that stand for what is thinner than one
     sheet_px        pixels of what is thinner than a layer and was met by no mid-plane
     sheets_lost     parts of such, too thin to be kept
+    joined          pieces of a mesh that are one part, since they are within two pixels of one another
     solid_mm2       area of the layer
     gaps            of an open mesh, closed in this layer
     """
@@ -92,6 +93,7 @@ class LayerVerdict:
     thinnest_gap_mm: float | None = None
     solid_mm2: float = 0.0
     gaps: Gaps | None = None
+    joined: tuple[TopologyChange, ...] = ()
 
 
 @njit(types.Tuple((RUNS, FLAGS, types.int64, types.int64))(WORK, WORK, WORK, WORK), cache=True, nogil=True)
@@ -160,6 +162,7 @@ class _Judge:
             thinnest_gap_mm=gap_mm,
             solid_mm2=float(parts[:, AREA].sum() * area_mm2),
             gaps=layer.gaps,
+            joined=layer.joined,
         )
         if not any_path:
             return verdict
@@ -227,6 +230,7 @@ def _at_height(known: LayerVerdict, layer: Layer) -> LayerVerdict:
         sheet_px=layer.sheet_px,
         sheets_lost=layer.sheets_lost,
         gaps=layer.gaps,
+        joined=layer.joined,
     )
 
 

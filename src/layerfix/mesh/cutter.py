@@ -27,7 +27,7 @@ from layerfix.mesh.closing import edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
 from layerfix.mesh.facet_runs import HEIGHTS, INDICES, POINTS, TRIANGLES, by_slabs
 from layerfix.mesh.fill import SEGMENTS, below, fill
-from layerfix.mesh.pieces import PLACES, small_pieces
+from layerfix.mesh.pieces import PLACES, fill_pieces
 from layerfix.mesh.sheets import LEAST
 from layerfix.stack import layer_bounds_mm
 from layerfix.units import format_mm
@@ -130,21 +130,21 @@ def cut(points, faces, chosen, plane):  # type: ignore[no-untyped-def]  # numba 
 
 
 @njit(
-    types.Tuple((types.int64, types.int64, PLACES))(
+    types.Tuple((types.int64, types.int64, PLACES, types.int64))(
         POINTS, TRIANGLES, INDICES, types.float64, types.int64, types.int64, types.boolean, WORK
     ),
     cache=True,
     nogil=True,
 )
 def fill_cut(points, faces, chosen, plane, width, rule, hairlines, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """`cut` and `fill` of a closed surface: (segments, pixels of hairlines, middles of small pieces); the last two
-    only if `hairlines`."""
+    """`cut` and `fill` of a closed surface: (segments, pixels of hairlines, middles of small pieces, pieces that may
+    have been joined); the last three only if `hairlines`."""
     segments = cut(points, faces, chosen, plane)
     if segments.shape[0] == 0 or not hairlines:
         added = fill(segments, width, rule, False, rows) if segments.shape[0] else 0
-        return segments.shape[0], added, np.empty((0, 2), np.int64)
-    added = fill(segments, width, rule, True, rows)
-    return segments.shape[0], added, small_pieces(segments, rows)
+        return segments.shape[0], added, np.empty((0, 2), np.int64), 0
+    added, small, joined = fill_pieces(segments, width, rule, rows)
+    return segments.shape[0], added, small, joined
 
 
 def frame_of(

@@ -23,12 +23,15 @@ from numba import types
 
 from layerfix.bits import ALL, U1, WORK
 from layerfix.kernels import njit
+from layerfix.layers.components import joined_runs
 from layerfix.layers.neighbours import around, bit_at, is_simple
 
 SEGMENTS = types.Array(types.float64, 2, "C")
 EVEN_ODD, NONZERO, POSITIVE = 0, 1, 2
 BITS = 20
 ONE = 1 << BITS  # of an edge
+UNKNOWN = -1
+NOT, MAYBE, SURELY = 0, 1, 2  # whether components are counted
 LEAST_AREA = 1e-9  # px², of a piece within a cell: a sheet drawn on both sides has none
 
 
@@ -130,17 +133,29 @@ def winding_is_inside(winding, crossed, rule):  # type: ignore[no-untyped-def]  
 
 
 @njit
-def _fill_rows(starts, crossings, rule, rows):  # type: ignore[no-untyped-def]  # numba types it
+def _touches_above(rows, j, first, stop):  # type: ignore[no-untyped-def]  # numba types it
+    """Whether a span touches a pixel of the row above at a corner only."""
+    return (bit_at(rows, j - 1, first - 1) and not bit_at(rows, j - 1, first)) or (
+        bit_at(rows, j - 1, stop) and not bit_at(rows, j - 1, stop - 1)
+    )
+
+
+@njit
+def _fill_rows(starts, crossings, rule, look, rows):  # type: ignore[no-untyped-def]  # numba types it
     """Plain fill. Returns the solid on edges along rows that have no pixel of it: (n, 3) row, column of the edge's
-    right end, and twice the middle of the solid, counted from the left end."""
+    right end, and twice the middle of the solid, counted from the left end.
+
+    With `look` also whether pixels are side by side with void between their centres, or touch at a corner only, or
+    solid without a pixel is beside one.
+    """
     spans = np.empty((64, 3), np.int64)
-    n = 0
+    n, close = 0, False
     for j in range(rows.shape[0]):
         if starts[j] == starts[j + 1]:
             continue
         row = crossings[starts[j] : starts[j + 1]]
         sort(row)
-        winding, was_inside, start, of_row = 0, False, np.int64(0), n
+        winding, was_inside, start, of_row, latest = 0, False, np.int64(0), n, np.int64(-1)
         for i in range(row.shape[0]):
             winding += 1 if row[i] & 1 else -1
             inside = winding_is_inside(winding, i + 1, rule)
@@ -154,6 +169,9 @@ def _fill_rows(starts, crossings, rule, rows):  # type: ignore[no-untyped-def]  
             first, stop = (start + ONE - 1) >> BITS, (here + ONE - 1) >> BITS
             if stop > first:
                 _fill_span(rows[j], first, stop)
+                if look != NOT and not close:
+                    close = first == latest or _touches_above(rows, j, first, stop)
+                    latest = stop
             elif here > start:
                 if n == spans.shape[0]:
                     longer = np.empty((2 * n, 3), np.int64)
@@ -167,8 +185,9 @@ def _fill_rows(starts, crossings, rule, rows):  # type: ignore[no-untyped-def]  
             if not (bit_at(rows, j, spans[k, 1]) or bit_at(rows, j, spans[k, 1] - 1)):
                 spans[kept, 0], spans[kept, 1], spans[kept, 2] = spans[k, 0], spans[k, 1], spans[k, 2]
                 kept += 1
+        close |= look != NOT and kept < n
         n = kept
-    return spans[:n]
+    return spans[:n], close
 
 
 @njit
@@ -183,15 +202,16 @@ def _grown(numbers, count):  # type: ignore[no-untyped-def]  # numba types it
 
 
 @njit
-def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """(keys of crossings of edges along columns whose ends are empty; keys of segments in cells with empty corners).
+def _column_keys(segments, width, look, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """(keys of crossings of edges along columns whose ends are empty; keys of segments in cells with empty corners;
+    with `look`, whether an edge with two set ends is crossed, or one at that end where the solid is not).
 
     An edge or cell is counted by its lower (right) end, row · (width + 1) + column. A crossing's key is (edge,
     position on it, whether the solid begins there), a segment's (cell, its number); both are sorted.
     """
     height, stride = rows.shape[0], np.int64(width + 1)
     keys, k = np.empty(64, np.int64), 0
-    inner, cells = np.empty(64, np.int64), 0
+    inner, cells, close = np.empty(64, np.int64), 0, False
     for s in range(segments.shape[0]):
         x0, y0, x1, y1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
         c0, c1 = math.ceil(x0), math.ceil(x1)
@@ -213,7 +233,11 @@ def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]  # numb
             y = y0 + (c - x0) * slope
             r = math.floor(y) + 1 if slope > 0 else math.ceil(y)
             r = min(max(r, 0), height)
-            if bit_at(rows, r - 1 + begins, c) or bit_at(rows, r - begins, c):  # first where the solid should be
+            if bit_at(rows, r - 1 + begins, c):  # where the solid should be
+                close |= look != NOT and bit_at(rows, r - begins, c) == 1
+                continue
+            if bit_at(rows, r - begins, c):
+                close |= look != NOT
                 continue
             keys = _grown(keys, k)
             part = min(max(np.int64((y - (r - 1)) * ONE), 0), ONE - 1)
@@ -221,7 +245,7 @@ def _column_keys(segments, width, rows):  # type: ignore[no-untyped-def]  # numb
             k += 1
     sort(keys[:k])
     sort(inner[:cells])
-    return keys[:k], inner[:cells]
+    return keys[:k], inner[:cells], close
 
 
 @njit
@@ -290,26 +314,82 @@ def _mark_cells(segments, inner, met, spans, rule, stride, height, width, marks,
     return m
 
 
-@njit(types.int64(SEGMENTS, types.int64, types.int64, types.boolean, WORK), cache=True, nogil=True)
-def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """Set the pixels of `rows` (zeroed packed rows) whose centre is inside by the winding rule, and, if `thin`, the
-    ones that stand for what is thinner than a pixel. Returns how many of these there are.
+@njit
+def _with_run(edges, n, of_row, first, stop):  # type: ignore[no-untyped-def]  # numba types it
+    """Append a run to a row's, which begin at of_row, or make the latest longer. Returns how many edges there are."""
+    if n > of_row and edges[n - 1] >= first:
+        edges[n - 1] = max(edges[n - 1], stop)
+        return n
+    edges[n], edges[n + 1] = first, stop
+    return n + 2
 
-    segments  (n, 4) x, y of start and end in px, solid on the left (of x right, y up)
-    """
+
+@njit
+def fill_and_look(segments, width, rule, thin, look, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """(pixels as `fill` says; the number of components of `rows`: with look = MAYBE only if void may pass between
+    pixels that touch, or solid has no pixel of its own; else UNKNOWN)."""
     height, stride = rows.shape[0], np.int64(width + 1)
     starts, crossings = row_crossings(segments, width, height)
-    spans = _fill_rows(starts, crossings, rule, rows)
+    spans, close = _fill_rows(starts, crossings, rule, look, rows)
     if not thin:
-        return 0
-    keys, inner = _column_keys(segments, width, rows)
-    if spans.shape[0] + keys.shape[0] + inner.shape[0] == 0:
-        return 0
+        return 0, UNKNOWN
+    keys, inner, also_close = _column_keys(segments, width, look, rows)
     marks = np.empty((spans.shape[0] + keys.shape[0] + inner.shape[0], 2), np.int64)
     m = _mark_rows(spans, width, marks)
     met = np.empty(keys.shape[0], np.int64)
     m, edges = _mark_columns(keys, stride, height, rule, marks, m, met)
     m = _mark_cells(segments, inner, met[:edges], spans, rule, stride, height, width, marks, m)
+    added = _draw_marks(marks[:m], rows)
+    if look == NOT or not (look == SURELY or close or also_close or m):
+        return added, UNKNOWN
+    turns, edges = _edges_of_fill(starts, crossings, rule, marks[:m], rows)
+    return added, joined_runs(turns, edges, 64 * rows.shape[1], False)[2]
+
+
+@njit
+def _edges_of_fill(starts, crossings, rule, marks, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """`layerfix.layers.components.edges_of_rows` of what was filled, without a look at all of its words."""
+    height, stride = rows.shape[0], 64 * np.int64(rows.shape[1])
+    keys, kept = np.empty(marks.shape[0], np.int64), 0
+    for k in range(marks.shape[0]):
+        if bit_at(rows, marks[k, 0], marks[k, 1]):  # not taken back
+            keys[kept] = marks[k, 0] * stride + marks[k, 1]
+            kept += 1
+    keys = keys[:kept]
+    sort(keys)
+    turns, edges, n, k = (
+        np.zeros(height + 1, np.int64),
+        np.empty(crossings.shape[0] + 2 * keys.shape[0], np.int64),
+        0,
+        0,
+    )
+    for j in range(height):
+        winding, was_inside, first = 0, False, np.int64(0)
+        for i in range(starts[j], starts[j + 1]):
+            winding += 1 if crossings[i] & 1 else -1
+            inside = winding_is_inside(winding, i + 1 - starts[j], rule)
+            if inside == was_inside:
+                continue
+            was_inside, column = inside, ((crossings[i] >> 1) + ONE - 1) >> BITS
+            if inside:
+                first = column
+                continue
+            while k < keys.shape[0] and keys[k] < j * stride + first:
+                n = _with_run(edges, n, turns[j], keys[k] - j * stride, keys[k] - j * stride + 1)
+                k += 1
+            if column > first:
+                n = _with_run(edges, n, turns[j], first, column)
+        while k < keys.shape[0] and keys[k] < (j + 1) * stride:
+            n = _with_run(edges, n, turns[j], keys[k] - j * stride, keys[k] - j * stride + 1)
+            k += 1
+        turns[j + 1] = n
+    return turns, edges[:n]
+
+
+@njit
+def _draw_marks(marks, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """Set what is marked, take back what is not needed. Returns how many pixels are set then."""
+    m = marks.shape[0]
     near = np.empty(m, np.bool_)
     for k in range(m):
         near[k] = around(rows, marks[k, 0], marks[k, 1]) != 0
@@ -332,3 +412,13 @@ def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]  # 
                 added -= 1
                 again = True
     return added
+
+
+@njit(types.int64(SEGMENTS, types.int64, types.int64, types.boolean, WORK), cache=True, nogil=True)
+def fill(segments, width, rule, thin, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """Set the pixels of `rows` (zeroed packed rows) whose centre is inside by the winding rule, and, if `thin`, the
+    ones that stand for what is thinner than a pixel. Returns how many of these there are.
+
+    segments  (n, 4) x, y of start and end in px, solid on the left (of x right, y up)
+    """
+    return fill_and_look(segments, width, rule, thin, NOT, rows)[0]

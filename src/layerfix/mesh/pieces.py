@@ -13,14 +13,16 @@ from numba import types
 
 from layerfix.bits import WORK
 from layerfix.kernels import njit
+from layerfix.layers.components import edges_of_rows, joined_runs
 from layerfix.layers.neighbours import bit_at
-from layerfix.mesh.fill import SEGMENTS
+from layerfix.mesh.fill import EVEN_ODD, LEAST_AREA, MAYBE, NOT, SEGMENTS, SURELY, UNKNOWN, fill_and_look
 
 COMPACT = 0.45  # share of its box that a piece fills: a triangle half
 CRUMB_PX = 2.0
 LARGEST_PX = 64  # of a small piece, along x and along y
 PLACES = types.Array(types.int64, 2, "C")
 NONE = -1
+NEAR_PX, MANY = 4.0, 64  # pieces are joined within; contours whose boxes are compared
 
 
 @njit
@@ -33,13 +35,12 @@ def _slot(x, y, mask):  # type: ignore[no-untyped-def]  # numba types it
     return value & mask
 
 
-@njit(PLACES(SEGMENTS, WORK), cache=True, nogil=True)
-def small_pieces(segments, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """(n, 2) row and column of the centroid of each closed contour that has the solid inside, is small and compact.
+@njit
+def contours_of(segments):  # type: ignore[no-untyped-def]  # numba types it
+    """(of, starts, measures): the contour of each segment; of each contour its first segment, NONE if it does not
+    close; and x0, y0, x1, y1, twice its area, and the sums that its centroid is made of.
 
-    segments  (n, 4) x, y of start and end, solid on the left (of x right, y up; rows run down)
-    rows      packed: what they fill. A centroid is solid (that of a ring or a bow is not), but for crumbs, which may
-              hold no pixel
+    The area is below 0 if the solid is inside: it is on the left with y up, and rows run down.
     """
     n = segments.shape[0]
     size = 4
@@ -51,16 +52,15 @@ def small_pieces(segments, rows):  # type: ignore[no-untyped-def]  # numba types
         while table[at] != NONE:
             at = (at + 1) & (size - 1)
         table[at] = s
-    used = np.zeros(n, np.bool_)
-    out, found = np.empty((16, 2), np.int64), 0
+    of, starts, measures, count = np.full(n, NONE, np.int64), np.empty(16, np.int64), np.empty((16, 7)), 0
     for first in range(n):
-        if used[first]:
+        if of[first] != NONE:
             continue
         x0 = x1 = segments[first, 0]
         y0 = y1 = segments[first, 1]
         double_area, mx, my, s, closed = 0.0, 0.0, 0.0, int(first), False
-        while s != NONE and not used[s]:
-            used[s] = True
+        while s != NONE and of[s] == NONE:
+            of[s] = count
             ax, ay, bx, by = segments[s]
             x0, x1, y0, y1 = min(x0, bx), max(x1, bx), min(y0, by), max(y1, by)
             px, py = ax - segments[first, 0], ay - segments[first, 1]
@@ -76,13 +76,32 @@ def small_pieces(segments, rows):  # type: ignore[no-untyped-def]  # numba types
             s = NONE
             while table[at] != NONE:
                 other = table[at]
-                if not used[other] and segments[other, 0] == bx and segments[other, 1] == by:
+                if of[other] == NONE and segments[other, 0] == bx and segments[other, 1] == by:
                     s = int(other)
                     break
                 at = (at + 1) & (size - 1)
-        # Solid is on the left with y up: clockwise in columns and rows.
-        wide, high = x1 - x0, y1 - y0
-        if not closed or double_area >= 0 or max(wide, high) > LARGEST_PX or -double_area < 2 * COMPACT * wide * high:
+        if count == starts.shape[0]:
+            more_starts, more = np.empty(2 * count, np.int64), np.empty((2 * count, 7))
+            more_starts[:count], more[:count] = starts, measures
+            starts, measures = more_starts, more
+        starts[count] = first if closed else NONE
+        measures[count] = (x0, y0, x1, y1, double_area, mx, my)
+        count += 1
+    return of, starts[:count], measures[:count]
+
+
+@njit
+def _small(segments, starts, measures, rows):  # type: ignore[no-untyped-def]  # numba types it
+    out, found = np.empty((16, 2), np.int64), 0
+    for c in range(starts.shape[0]):
+        x0, y0, x1, y1, double_area, mx, my = measures[c]
+        wide, high, first = x1 - x0, y1 - y0, starts[c]
+        if (
+            first == NONE
+            or double_area >= 0
+            or max(wide, high) > LARGEST_PX
+            or -double_area < 2 * COMPACT * wide * high
+        ):
             continue
         y = np.int64(math.floor(segments[first, 1] + my / (3 * double_area) + 0.5))
         x = np.int64(math.floor(segments[first, 0] + mx / (3 * double_area) + 0.5))
@@ -95,3 +114,89 @@ def small_pieces(segments, rows):  # type: ignore[no-untyped-def]  # numba types
         out[found, 0], out[found, 1] = y, x
         found += 1
     return out[:found].copy()
+
+
+@njit(PLACES(SEGMENTS, WORK), cache=True, nogil=True)
+def small_pieces(segments, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """(n, 2) row and column of the centroid of each closed contour that has the solid inside, is small and compact.
+
+    segments  (n, 4) x, y of start and end, solid on the left (of x right, y up; rows run down)
+    rows      packed: what they fill. A centroid is solid (that of a ring or a bow is not), but for crumbs, which may
+              hold no pixel
+    """
+    _, starts, measures = contours_of(segments)
+    return _small(segments, starts, measures, rows)
+
+
+@njit
+def is_outer(start, double_area, rule):  # type: ignore[no-untyped-def]  # numba types it
+    """Whether a contour may go round a piece: it closes, and has the solid inside. By the even-odd rule any may."""
+    return start != NONE and (abs(double_area) if rule == EVEN_ODD else -double_area) > 2 * LEAST_AREA
+
+
+@njit
+def _look(starts, measures, rule):  # type: ignore[no-untyped-def]  # numba types it
+    """MAYBE if the boxes of two outer contours are within NEAR_PX, or there are too many to compare; SURELY if, then,
+    one may be inside a cell of four pixel centres; else NOT."""
+    boxes, n, look, crumb = np.empty((MANY, 4)), 0, NOT, False
+    for c in range(starts.shape[0]):
+        if not is_outer(starts[c], measures[c, 4], rule):
+            continue
+        x0, y0, x1, y1 = measures[c, :4]
+        crumb |= max(x1 - x0, y1 - y0) <= 1
+        if n == MANY:
+            look = MAYBE
+        k = 0
+        while look == NOT and k < n:
+            if max(x0 - boxes[k, 2], boxes[k, 0] - x1, y0 - boxes[k, 3], boxes[k, 1] - y1) <= NEAR_PX:
+                look = MAYBE
+            k += 1
+        if n < MANY:
+            boxes[n] = (x0, y0, x1, y1)
+            n += 1
+    return SURELY if crumb and look == MAYBE else look
+
+
+@njit
+def _more_than(components, starts, measures, rule):  # type: ignore[no-untyped-def]  # numba types it
+    outer = 0
+    for c in range(starts.shape[0]):
+        outer += is_outer(starts[c], measures[c, 4], rule)
+    return max(outer - components, 0)
+
+
+@njit
+def _more_contours(starts, measures, rule, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """By how many there are more outer contours than components."""
+    turns, edges = edges_of_rows(within(rows, measures)[0])
+    return _more_than(joined_runs(turns, edges, 64 * rows.shape[1], False)[2], starts, measures, rule)
+
+
+@njit
+def within(rows, measures):  # type: ignore[no-untyped-def]  # numba types it
+    """(the rows and words that contours reach into, or a pixel further; the first row; the first column)."""
+    height, words = rows.shape
+    y0 = min(max(math.floor(measures[:, 1].min()) - 1, 0), height)
+    y1 = min(max(math.ceil(measures[:, 3].max()) + 2, y0), height)
+    w0 = min(max(math.floor(measures[:, 0].min()) - 1, 0) >> 6, words)
+    w1 = min(max((math.ceil(measures[:, 2].max()) + 1) >> 6, w0 - 1) + 1, words)
+    return rows[y0:y1, w0:w1], y0, 64 * w0
+
+
+@njit(
+    types.Tuple((types.int64, PLACES, types.int64))(SEGMENTS, types.int64, types.int64, WORK), cache=True, nogil=True
+)
+def fill_pieces(segments, width, rule, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """`fill` with what is thinner than a pixel: (pixels that stand for it; `small_pieces`; how many pieces may have
+    been joined, at most; `layerfix.mesh.joined` tells exactly)."""
+    _, starts, measures = contours_of(segments)
+    added, components = fill_and_look(segments, width, rule, True, _look(starts, measures, rule), rows)
+    small = _small(segments, starts, measures, rows)
+    return added, small, 0 if components == UNKNOWN else _more_than(components, starts, measures, rule)
+
+
+@njit(types.int64(SEGMENTS, WORK, types.int64), cache=True, nogil=True)
+def may_be_joined(segments, rows, rule):  # type: ignore[no-untyped-def]  # numba types it
+    """How many pieces may have been joined, at most, in rows that were filled from these segments."""
+    _, starts, measures = contours_of(segments)
+    return _more_contours(starts, measures, rule, rows)

@@ -13,11 +13,13 @@ from layerfix.errors import InputError
 from layerfix.layers.columns import Room
 from layerfix.layers.grey_image import GreyImage
 from layerfix.layers.grey_source import GreySource
+from layerfix.layers.topology import TopologyChange
 from layerfix.mesh.closing import close_gaps
 from layerfix.mesh.cutter import Cutter, Grid, cutter_of, fill_cut, frame_of, layers_of
 from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE
 from layerfix.mesh.fill import fill as fill_pixels
-from layerfix.mesh.pieces import small_pieces
+from layerfix.mesh.joined import joined_pieces
+from layerfix.mesh.pieces import fill_pieces, may_be_joined
 from layerfix.mesh.sheets import Sheets
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import Gaps, Layer, LayerStack, pitch_mm
@@ -170,7 +172,34 @@ class _Sliced:
         whole = Gaps(sum(gap.count for gap in gaps), max(gap.longest_mm for gap in gaps)) if gaps else None
         source = self._greys(index, rows, found) if self.antialias and rows.any() else None
         return Layer(rows if source is None else source.seen, self.grid.width, (bottom, top), None, whole, source,
-                     found.hairline_px, found.sheet_px, found.sheets_lost, small=found.small)  # fmt: skip
+                     found.hairline_px, found.sheet_px, found.sheets_lost, small=found.small,
+                     joined=self._joined(index, found))  # fmt: skip
+
+    def _joined(self, index: int, found: _Found) -> tuple[TopologyChange, ...]:
+        """Pieces that are one with another in the layer, which has pixels (`layerfix.mesh.joined`).
+
+        Bodies are looked at together. What is clipped by another surface is not looked at.
+        """
+        if found.rows is None or any(piece.clips or not piece.hairlines for piece in self.pieces):
+            return ()
+        if len(self.pieces) == 1 and not found.may_join:
+            return ()
+        cuts = [_segments_of(piece.cutter, self.grid, index)[0] for piece in self.pieces]
+        segments = np.concatenate(cuts)
+        rule = self.pieces[0].rule if len(self.pieces) == 1 else NONZERO
+        if len(self.pieces) > 1 and (not len(segments) or not may_be_joined(segments, found.rows, rule)):
+            return ()
+        (x, y), (px, py), z = self.grid.origin, self.grid.pitch, self.grid.z_mm[index].tolist()
+        return tuple(
+            TopologyChange(
+                "merged",
+                int(count),
+                (x + (x0 + 0.5) * px, y - (y1 + 0.5) * py, x + (x1 + 0.5) * px, y - (y0 + 0.5) * py),
+                area * px * py,
+                (z[0], z[1]),
+            )
+            for count, area, x0, y0, x1, y1 in joined_pieces(segments, found.rows, rule).tolist()
+        )
 
     def _greys(self, index: int, rows: NDArray[np.uint64], found: _Found) -> GreySource:
         """The layer's greys. What is thinner than a pixel or a layer stays as it is in `rows`."""
@@ -208,22 +237,23 @@ def _covered(pieces: list[_Piece], grid: Grid, index: int) -> GreyImage:
 
     height, width = grid.shape[0], grid.width
 
-    def segments_of(cutter: Cutter) -> NDArray[np.float64]:
-        segments = cutter.segments(index)
-        if not cutter.closed and len(segments):
-            segments, _ = close_gaps(segments, grid.pitch)
-        return segments
-
     if len(pieces) == 1 and not pieces[0].clips:
-        return GreyImage(width, *coverage_in_words(segments_of(pieces[0].cutter), width, height, pieces[0].rule))
+        segments, _ = _segments_of(pieces[0].cutter, grid, index)
+        return GreyImage(width, *coverage_in_words(segments, width, height, pieces[0].rule))
     out = np.zeros((height, width), np.uint8)
     for piece in pieces:
-        grey = coverage(segments_of(piece.cutter), width, height, piece.rule)
+        grey = coverage(_segments_of(piece.cutter, grid, index)[0], width, height, piece.rule)
         for cutter, inside in piece.clips:
-            clip = coverage(segments_of(cutter), width, height, NONZERO)
+            clip = coverage(_segments_of(cutter, grid, index)[0], width, height, NONZERO)
             np.minimum(grey, clip if inside else 255 - clip, out=grey)
         np.maximum(out, grey, out=out)
     return GreyImage.of(out)
+
+
+def _segments_of(cutter: Cutter, grid: Grid, index: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(segments of one layer of a surface, in closed contours; lengths of the gaps closed for that, in mm)."""
+    segments = cutter.segments(index)
+    return (segments, np.zeros(0)) if cutter.closed or not len(segments) else close_gaps(segments, grid.pitch)
 
 
 def _pieces(mesh: Mesh, grid: Grid, rule: int, hairlines: bool, z_sampling: ZSampling) -> list[_Piece]:
@@ -266,6 +296,7 @@ class _Found:
     sheet_px: int = 0
     sheets_lost: int = 0
     middles: list[NDArray[np.int64]] = field(default_factory=list)
+    may_join: int = 0  # pieces, at most
 
     @property
     def small(self) -> NDArray[np.int64] | None:
@@ -307,21 +338,23 @@ def _filled(
     rows = np.zeros(grid.shape, np.uint64)
     if cutter.closed:
         chosen, plane = cutter.facets(index), cutter.planes[index]
-        count, hairline_px, middles = fill_cut(
+        count, hairline_px, middles, may_join = fill_cut(
             cutter.points, cutter.faces, chosen, plane, grid.width, rule, hairlines, rows
         )
         if not count:
             return None
     else:
-        segments = cutter.segments(index)
+        segments, lengths_mm = _segments_of(cutter, grid, index)
         if not len(segments):
             return None
-        segments, lengths_mm = close_gaps(segments, grid.pitch)
         if len(lengths_mm):
             found.gaps.append(Gaps(len(lengths_mm), float(lengths_mm.max())))
-        hairline_px = fill_pixels(segments, grid.width, rule, hairlines, rows)
-        middles = small_pieces(segments, rows) if hairlines else np.empty((0, 2), np.int64)
+        if hairlines:
+            hairline_px, middles, may_join = fill_pieces(segments, grid.width, rule, rows)
+        else:
+            hairline_px, middles, may_join = fill_pixels(segments, grid.width, rule, False, rows), (), 0
     found.hairline_px += hairline_px
+    found.may_join += may_join
     if len(middles):
         found.middles.append(middles)
     return rows
