@@ -1,29 +1,26 @@
-"""Where facets cross columns through pixels' centres, between two heights: what `layerfix.mesh.sheets` walks."""
+"""Where facets cross columns through pixels' centres, between two heights: what `layerfix.mesh.sheets` walks.
+
+A slab of some layers is looked through at once, row by row. Its heights are cut into intervals, at most 64; each
+layer's window is some of them. A pixel counts in a window with a facet that faces up and one that faces down there.
+Most have not: blocks of BLOCK pixels that a row's facets cross in no such way are left out first.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import types
 
-from layerfix.bits import ALL, U0, lowest_bit
+from layerfix.bits import U0, U1, lowest_bit
 from layerfix.kernels import njit
-from layerfix.mesh.facet_runs import MASKS, RUNS, SLOPES, run_within, run_z
+from layerfix.mesh.facet_runs import HEIGHTS, RUNS, SLOPES, run_z
+from layerfix.mesh.fill import below
 
+BLOCK = 8  # px
 Z_BITS = 30
+MOST_INTERVALS = 64
 KEYS = types.Array(types.int64, 1, "C")
-SPAN = types.UniTuple(types.float64, 2)
-SEEN = types.Array(types.uint64, 3, "C")
-
-
-@njit
-def _bits(w, first, stop):  # type: ignore[no-untyped-def]  # numba types it
-    """Those of word w that are among first … stop - 1, of which it holds some."""
-    bits = ALL
-    if w == first >> 6:
-        bits &= ALL << np.uint64(first & 63)
-    if w == (stop - 1) >> 6:
-        bits &= ALL >> np.uint64(63 - ((stop - 1) & 63))
-    return bits
+MASKS = types.Array(types.uint64, 1, "C")
+SCALES = types.Array(types.float64, 2, "C")
 
 
 @njit
@@ -35,61 +32,187 @@ def longer(keys):  # type: ignore[no-untyped-def]  # numba types it
     return longer
 
 
+@njit
+def _in_rows(runs, height):  # type: ignore[no-untyped-def]  # numba types it
+    """(starts, order): numbers of the runs of each row."""
+    starts = np.zeros(height + 1, np.int64)
+    for r in range(runs.shape[0]):
+        starts[runs[r, 0] + 1] += 1
+    for j in range(height):
+        starts[j + 1] += starts[j]
+    order, where = np.empty(runs.shape[0], np.int32), starts.copy()
+    for r in range(runs.shape[0]):
+        order[where[runs[r, 0]]] = r
+        where[runs[r, 0]] += 1
+    return starts, order
+
+
+@njit
+def _interval(edges, z, q):  # type: ignore[no-untyped-def]  # numba types it
+    """The interval edges[q] < z ≤ edges[q + 1], looked for from the given one on; the ends take what lies beyond."""
+    while q + 2 < edges.shape[0] and z > edges[q + 1]:
+        q += 1
+    while q > 0 and z <= edges[q]:
+        q -= 1
+    return q
+
+
+@njit
+def _add(lines, i, side, windows, anyway, alike):  # type: ignore[no-untyped-def]  # numba types it
+    """Note a facet in these windows, in some of which that is enough."""
+    if alike:
+        lines[1, i] |= (lines[0, i] & windows) | anyway
+        lines[0, i] |= windows
+    else:
+        lines[side, i] |= windows
+
+
+@njit
+def _counting(lines, i, alike):  # type: ignore[no-untyped-def]  # numba types it
+    """The windows in which a pixel, or one of a block, counts by what was noted."""
+    return lines[1, i] if alike else lines[0, i] & lines[1, i]
+
+
+@njit
+def _mark_blocks(mine, runs, slopes, edges, windows, anyway, alike, blocks, marked):  # type: ignore[no-untyped-def]  # numba types it
+    """Mark those blocks of a row in which pixels may count. Returns (the first, past the last).
+
+    blocks  (2, n), 0, and will be again
+    """
+    left, right = marked.shape[0], 0
+    for r in mine:
+        first, stop, side = runs[r, 1], runs[r, 2], np.int64(runs[r, 3])
+        begin, end = first // BLOCK, (stop - 1) // BLOCK + 1
+        left, right = min(left, begin), max(right, end)
+        z = run_z(slopes, r, first)
+        q = _interval(edges, z, max(below(edges, z) - 1, 0))
+        for u in range(begin, end):
+            p = _interval(edges, run_z(slopes, r, min(stop, (u + 1) * BLOCK) - 1), q)
+            mine_here, enough = U0, U0
+            for e in range(min(p, q), max(p, q) + 1):
+                mine_here |= windows[e]
+                enough |= anyway[e]
+            _add(blocks, u, side, mine_here, enough, alike)
+            q = _interval(edges, run_z(slopes, r, (u + 1) * BLOCK), p) if u + 1 < end else p
+    begin, end = right, left
+    for u in range(left, right):
+        marked[u] = _counting(blocks, u, alike) != U0
+        blocks[0, u] = blocks[1, u] = U0
+        if marked[u]:
+            begin, end = min(begin, u), u + 1
+    return begin, end
+
+
+@njit
+def _note_pixels(mine, runs, slopes, edges, windows, anyway, alike, marked, lines):  # type: ignore[no-untyped-def]  # numba types it
+    """Note in which windows facets are over each pixel of the marked blocks of a row."""
+    for r in mine:
+        first, stop, side, q = runs[r, 1], runs[r, 2], np.int64(runs[r, 3]), 0
+        for u in range(first // BLOCK, (stop - 1) // BLOCK + 1):
+            if not marked[u]:
+                continue
+            for i in range(max(first, u * BLOCK), min(stop, (u + 1) * BLOCK)):
+                q = _interval(edges, run_z(slopes, r, i), q)
+                _add(lines, i, side, windows[q], anyway[q], alike)
+
+
+@njit
+def _keep_counting(begin, end, alike, marked, lines):  # type: ignore[no-untyped-def]  # numba types it
+    """The windows in which each pixel of the marked blocks of a row counts, as the first of the lines; blocks without
+    one are marked no more. Returns whether there are any."""
+    some = False
+    for u in range(begin, end):
+        if not marked[u]:
+            continue
+        marked[u] = False
+        for i in range(u * BLOCK, (u + 1) * BLOCK):
+            lines[0, i] = _counting(lines, i, alike)
+            lines[1, i] = U0
+            marked[u] |= lines[0, i] != U0
+        some |= marked[u]
+    return some
+
+
+@njit
+def _place(z, scale):  # type: ignore[no-untyped-def]  # numba types it
+    place = np.int64((z - scale[0]) * (((1 << Z_BITS) - 2) / (scale[1] - scale[0]))) + 1
+    return min(max(place, np.int64(1)), np.int64((1 << Z_BITS) - 1))
+
+
+@njit
+def _by_intervals(masks, count):  # type: ignore[no-untyped-def]  # numba types it
+    """Of each of `count` intervals a mask of the windows that hold it; masks: of each window, of intervals."""
+    out = np.zeros(count, np.uint64)
+    for k in range(masks.shape[0]):
+        for q in range(count):
+            out[q] |= ((masks[k] >> np.uint64(q)) & U1) << np.uint64(k)
+    return out
+
+
 @njit(
-    KEYS(RUNS, SLOPES, MASKS, types.int64, SPAN, SPAN, SPAN, types.boolean, types.int64, SEEN),
+    types.Tuple((types.Array(types.int64, 1, "C"), KEYS))(
+        RUNS, SLOPES, HEIGHTS, MASKS, MASKS, SCALES, types.boolean, types.int64, types.int64
+    ),
     cache=True,
     nogil=True,
 )
-def crossings(runs, slopes, masks, mine, scale, within, always, alike, width, seen):  # type: ignore[no-untyped-def]  # numba types it
-    """Where runs of facets cross columns through centres `within` low < z ≤ high: pixel · 2^31 + place · 2 + (1 if
-    the solid begins, upwards), where places are counted along the `scale`, which holds `within`.
+def crossings(runs, slopes, edges, within, always, scales, alike, width, height):  # type: ignore[no-untyped-def]  # numba types it
+    """(starts, keys) of n windows: keys[starts[k] : starts[k + 1]] say where facets cross columns in the k-th, row by
+    row: pixel · 2^31 + place · 2 + (1 if the solid begins, upwards), places counted along the window's scale.
 
-    Only of pixels with a facet that faces up and one that faces down there (`alike`: with two of any kind), and of
-    those with one between the heights `always`.
+    Only of pixels with a facet that faces up and one that faces down in the window; alike: with two of any kind, or
+    with one in the intervals that `always` has of the window.
 
-    masks  of each run; only those count that hold one of `mine`
-    seen   (words, height, 2): two empty images, which will be empty again
+    edges   of intervals edges[q] < z ≤ edges[q + 1], at most MOST_INTERVALS, with all that the runs hold
+    within  masks of the intervals of each window, of at most 64
+    scales  (n, 2) of each window: its least and greatest height
     """
-    (low, high), n = within, 0
-    parts = np.empty((runs.shape[0], 3), np.int32)  # run, first column, past the last
-    for r in range(runs.shape[0]):
-        if masks[r] & mine == 0:
+    windows = _by_intervals(within, edges.shape[0] - 1)
+    anyway = _by_intervals(always, edges.shape[0] - 1)
+    blocks_of_row = (width + BLOCK - 1) // BLOCK
+    blocks, marked = np.zeros((2, blocks_of_row), np.uint64), np.zeros(blocks_of_row, np.bool_)
+    lines = np.zeros((2, blocks_of_row * BLOCK), np.uint64)
+    starts, order = _in_rows(runs, height)
+    keys, of_window, n = np.empty(256, np.int64), np.empty(256, np.int64), 0
+    counts = np.zeros(within.shape[0] + 1, np.int64)
+    for j in range(height):
+        mine = order[starts[j] : starts[j + 1]]
+        if mine.shape[0] == 0:
             continue
-        j, down = runs[r, 0], np.int64(0 if alike else runs[r, 3])
-        first, stop = run_within(slopes, r, low, high, runs[r, 1], runs[r, 2])
-        if stop <= first:
+        begin, end = _mark_blocks(mine, runs, slopes, edges, windows, anyway, alike, blocks, marked)
+        if end <= begin:
             continue
-        parts[n, 0], parts[n, 1], parts[n, 2] = r, first, stop
-        n += 1
-        for w in range(first >> 6, ((stop - 1) >> 6) + 1):
-            bits = _bits(w, first, stop)
-            if alike:
-                seen[w, j, 1] |= seen[w, j, 0] & bits
-            seen[w, j, down] |= bits
-        if slopes[r, 3] > always[0] and slopes[r, 2] <= always[1]:
-            first, stop = run_within(slopes, r, always[0], always[1], first, stop)
-            if stop > first:
-                for w in range(first >> 6, ((stop - 1) >> 6) + 1):
-                    seen[w, j, 1] |= _bits(w, first, stop)
-    keys, k = np.empty(256, np.int64), 0
-    to_places = ((1 << Z_BITS) - 2) / (scale[1] - scale[0])
-    for p in range(n):
-        r, first, stop = parts[p]
-        j = np.int64(runs[r, 0])
-        for w in range(first >> 6, ((stop - 1) >> 6) + 1):
-            bits = _bits(w, first, stop) & seen[w, j, 0] & seen[w, j, 1]
-            while bits != U0:
-                i = np.int64(w) * 64 + lowest_bit(bits)
-                bits &= bits - np.uint64(1)
-                place = np.int64((run_z(slopes, r, i) - scale[0]) * to_places) + 1
-                place = min(max(place, np.int64(1)), np.int64((1 << Z_BITS) - 1))
-                if k == keys.shape[0]:
-                    keys = longer(keys)
-                keys[k] = ((j * width + i) << (Z_BITS + 1)) | (place << 1) | np.int64(runs[r, 3])
-                k += 1
-    for p in range(n):
-        r, first, stop = parts[p]
-        for w in range(first >> 6, ((stop - 1) >> 6) + 1):
-            seen[w, runs[r, 0], 0] = U0
-            seen[w, runs[r, 0], 1] = U0
-    return keys[:k].copy()
+        _note_pixels(mine, runs, slopes, edges, windows, anyway, alike, marked, lines)
+        if not _keep_counting(begin, end, alike, marked, lines):
+            continue
+        for r in mine:
+            q = 0
+            for u in range(max(runs[r, 1] // BLOCK, begin), min((runs[r, 2] - 1) // BLOCK + 1, end)):
+                if not marked[u]:
+                    continue
+                for i in range(max(runs[r, 1], u * BLOCK), min(runs[r, 2], (u + 1) * BLOCK)):
+                    if lines[0, i] == U0:
+                        continue
+                    z = run_z(slopes, r, i)
+                    q = _interval(edges, z, q)
+                    found = lines[0, i] & windows[q]
+                    while found != U0:
+                        k = lowest_bit(found)
+                        found &= found - U1
+                        if n == keys.shape[0]:
+                            keys, of_window = longer(keys), longer(of_window)
+                        place = _place(z, scales[k])
+                        keys[n] = ((j * width + i) << (Z_BITS + 1)) | (place << 1) | np.int64(runs[r, 3])
+                        of_window[n] = k
+                        counts[k + 1] += 1
+                        n += 1
+        for u in range(begin, end):
+            if marked[u]:
+                lines[0, u * BLOCK : (u + 1) * BLOCK] = U0
+    for k in range(within.shape[0]):
+        counts[k + 1] += counts[k]
+    out, where = np.empty(n, np.int64), counts.copy()
+    for i in range(n):
+        out[where[of_window[i]]] = keys[i]
+        where[of_window[i]] += 1
+    return counts, out

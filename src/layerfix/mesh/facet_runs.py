@@ -17,13 +17,13 @@ from layerfix.kernels import njit
 from layerfix.mesh.fill import below
 
 TILE = 8  # px
-SLAB = 16  # intervals whose facets are looked through at once, at most; they are the bits of a mask
-SLAB_FACETS = 65536  # or fewer, so that these are not many more: their runs take 56 bytes each
+SLAB = 16  # intervals, or layers, whose facets are looked through at once, at most
+ROOM = 8192  # runs, at first
+SLAB_FACETS = 65536  # or fewer, so that these are not many more: their runs take 48 bytes each
 POINTS = types.Array(types.float64, 2, "C", readonly=True)
 TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
 INDICES = types.Array(types.int32, 1, "C")
 HEIGHTS = types.Array(types.float64, 1, "C", readonly=True)
-MASKS = types.Array(types.int64, 1, "C")
 RUNS = types.Array(types.int32, 2, "C")  # row, first column, past the last, 1 if the facet faces down
 SLOPES = types.Array(
     types.float64, 2, "C"
@@ -220,7 +220,7 @@ def _longer(runs, slopes):  # type: ignore[no-untyped-def]  # numba types it
 )
 def facet_runs(points, faces, chosen, low, high, width, height):  # type: ignore[no-untyped-def]  # numba types it
     """(runs, slopes) of some facets in low < z ≤ high; none of them may be upright (`slabs_of` leaves those out)."""
-    runs, slopes, n = np.empty((256, 4), np.int32), np.empty((256, 4), np.float64), 0
+    runs, slopes, n = np.empty((ROOM, 4), np.int32), np.empty((ROOM, 4), np.float64), 0
     for t in chosen:
         a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
         xa, ya, za = points[a, 0], points[a, 1], points[a, 2]
@@ -255,46 +255,27 @@ def facet_runs(points, faces, chosen, low, high, width, height):  # type: ignore
                     continue
             runs[n, 0], runs[n, 1], runs[n, 2], runs[n, 3] = j, first, stop, down
             n += 1
-    return runs[:n].copy(), slopes[:n].copy()
+    return runs[:n], slopes[:n]
 
 
-@njit(MASKS(RUNS, SLOPES, HEIGHTS), cache=True, nogil=True)
-def intervals_of(runs, slopes, edges):  # type: ignore[no-untyped-def]  # numba types it
-    """Of each run a mask of the intervals it reaches into, of the slab with these edges."""
-    masks = np.empty(runs.shape[0], np.int64)
+@njit(types.Tuple((RUNS, SLOPES))(RUNS, SLOPES, HEIGHTS, types.int64, types.int64), cache=True, nogil=True)
+def paired(runs, slopes, edges, width, height):  # type: ignore[no-untyped-def]  # numba types it
+    """Those runs that share a tile and an interval of these edges with one that faces the other way."""
+    across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+    seen, masks = np.zeros((along, across, 2), np.int64), np.empty(runs.shape[0], np.int64)
     for r in range(runs.shape[0]):
         one, other = run_z(slopes, r, runs[r, 1]), run_z(slopes, r, runs[r, 2] - 1)
         masks[r] = _intervals(edges, min(one, other), max(one, other))
-    return masks
-
-
-@njit(
-    types.Tuple((RUNS, SLOPES, MASKS))(RUNS, SLOPES, MASKS, types.int64, types.int64, types.boolean),
-    cache=True,
-    nogil=True,
-)
-def paired(runs, slopes, masks, width, height, alike):  # type: ignore[no-untyped-def]  # numba types it
-    """Those runs that share a tile and an interval with one that faces the other way (`alike`: with any other), and a
-    mask of these intervals of each."""
-    across, along = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
-    seen = np.zeros((along, across, 2), np.int64)
-    for r in range(runs.shape[0]):
-        v, side = runs[r, 0] // TILE, 1 - runs[r, 3]
+        v, side = runs[r, 0] // TILE, runs[r, 3]
         for u in range(runs[r, 1] // TILE, (runs[r, 2] - 1) // TILE + 1):
-            if alike:
-                seen[v, u, 1] |= seen[v, u, 0] & masks[r]
-                seen[v, u, 0] |= masks[r]
-            else:
-                seen[v, u, side] |= masks[r]
-    kept, kept_slopes = np.empty_like(runs), np.empty_like(slopes)
-    wanted, k = np.empty_like(masks), 0
+            seen[v, u, side] |= masks[r]
+    kept, kept_slopes, k = np.empty_like(runs), np.empty_like(slopes), 0
     for r in range(runs.shape[0]):
-        both, other = np.int64(0), 1 if alike else runs[r, 3]
+        v, other, both = runs[r, 0] // TILE, 1 - runs[r, 3], np.int64(0)
         for u in range(runs[r, 1] // TILE, (runs[r, 2] - 1) // TILE + 1):
-            both |= masks[r] & seen[runs[r, 0] // TILE, u, other]
+            both |= masks[r] & seen[v, u, other]
         if both:
             for i in range(4):
                 kept[k, i], kept_slopes[k, i] = runs[r, i], slopes[r, i]
-            wanted[k] = both
             k += 1
-    return kept[:k].copy(), kept_slopes[:k].copy(), wanted[:k].copy()
+    return kept[:k], kept_slopes[:k]

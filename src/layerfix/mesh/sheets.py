@@ -12,21 +12,21 @@ only where one that faces down and one that faces up share a tile of TILE pixels
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import types
 
-from layerfix.bits import U1, WORK, words_for
+from layerfix.bits import U1, WORK
 from layerfix.kernels import njit
-from layerfix.layers.columns import Room
 from layerfix.layers.components import root_of
 from layerfix.layers.neighbours import bit_at
 from layerfix.mesh.crossings import KEYS, Z_BITS, crossings, longer
-from layerfix.mesh.facet_runs import SLAB, SLAB_FACETS, facet_runs, intervals_of, may_pair, paired, slabs_of
+from layerfix.mesh.facet_runs import SLAB, SLAB_FACETS, facet_runs, may_pair, paired, slabs_of
 from layerfix.mesh.fill import BITS, EVEN_ODD, ONE, SEGMENTS, below, row_crossings, sort, winding_is_inside
 from layerfix.threads import Remembered
 
@@ -35,14 +35,9 @@ if TYPE_CHECKING:
 
     from layerfix.bits import Rows
 
-    Runs = tuple[NDArray[Any], ...]  # runs, slopes, masks of intervals
-
 LEAST = 0.25  # of a layer: what is kept
 CRUMB = 4  # px
 FOIL = 1e-3  # of a layer: what is lower is nothing
-NOWHERE = (np.inf, -np.inf)
-NONE = np.zeros(0, np.int64)
-ALL_INTERVALS = -1
 BOUNDS = types.Array(types.float64, 1, "C")
 
 
@@ -236,6 +231,28 @@ def _cover(keys, segments, width, bounds, heights, middle, share, least, rule, r
     return changed
 
 
+def _by_window(starts: NDArray[np.int64], keys: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    parts = [keys[first:stop] for first, stop in itertools.pairwise(starts.tolist())]
+    for part in parts:
+        part.sort()
+    return parts
+
+
+def _mask(edges: NDArray[np.float64], ends: tuple[float, float]) -> int:
+    """The intervals of these edges between two of them."""
+    first, stop = np.searchsorted(edges, ends).tolist()
+    return (1 << int(stop)) - (1 << int(first))
+
+
+class _Window(NamedTuple):
+    """What a layer's share is counted in, in z quanta."""
+
+    bounds: tuple[float, float, float, float]  # bottom of the layer below, its own, its top, top of the layer above
+    heights: NDArray[np.float64]  # of the three
+    within: tuple[float, float]  # a stretch that reaches further fills as much of this layer, or is a neighbour's
+    always: tuple[float, float]  # what ends here is looked at though nothing begins within
+
+
 @dataclass(frozen=True, eq=False)
 class Sheets:
     """What a cut at mid-planes misses of one closed surface.
@@ -245,6 +262,7 @@ class Sheets:
     size_px        (width, height) of the frame
     rule           winding rule of `fill`
     least          height of what is kept, as a share of the layer's
+    share          of a layer's height that `cover` asks for; None if only `rescue` is
     """
 
     points: NDArray[np.float64]
@@ -254,112 +272,105 @@ class Sheets:
     size_px: tuple[int, int]
     rule: int
     least: float = LEAST
-    room: Room = field(default_factory=Room)
+    share: float | None = None
     _edges: NDArray[np.float64] = field(init=False)  # of the intervals between mid-planes, q below layer q
-    _keys: Callable[[int], NDArray[np.int64]] = field(init=False)  # of an interval
-    _runs: Callable[[int], Runs] = field(init=False)  # of a slab
-    _span: int = field(init=False)  # intervals of one
+    _span: int = field(init=False)  # intervals, or layers, of a slab
+    _facets: tuple[NDArray[np.int64], NDArray[np.int32]] = field(init=False)  # by slabs
+    _keys: Callable[[int], list[NDArray[np.int64]]] = field(init=False)  # of each interval, or layer, of a slab
 
     def __post_init__(self) -> None:
         """Sort the facets into slabs."""
         z, planes = self.points[:, 2], self.planes
         ends = min(z.min(), planes[0]) - 1.0, max(z.max(), planes[-1]) + 1.0
         edges = np.concatenate([ends[:1], planes, ends[1:]])
-        width, height = self.size_px
         span = SLAB
         while span > 1 and len(self.faces) * span > SLAB_FACETS * len(planes):
             span //= 2
-        starts, chosen = slabs_of(self.points, self.faces, edges, span, width, height)
-
-        alike = self.rule == EVEN_ODD  # facets that face the same way can bound a stretch, too
-
-        def runs_of(slab: int, mine: NDArray[np.int32]) -> Runs:
-            between = edges[slab * span : (slab + 1) * span + 1]
-            ends = float(between[0]), float(between[-1])
-            runs, slopes = facet_runs(self.points, self.faces, mine, *ends, width, height)
-            return runs, slopes, intervals_of(runs, slopes, between)
-
-        def facets(slab: int) -> NDArray[np.int32]:
-            mine: NDArray[np.int32] = chosen[starts[slab] : starts[slab + 1]]
-            return mine
-
-        def both_ways(slab: int) -> tuple[Runs, int]:
-            between = edges[slab * span : (slab + 1) * span + 1]
-            mine = may_pair(self.points, self.faces, facets(slab), between, width, height, alike)
-            found: Runs = paired(*runs_of(slab, mine), width, height, alike)
-            return found, int(np.bitwise_or.reduce(found[2]))
-
-        slabs = Remembered(both_ways, 4)
-
-        def interval(q: int) -> NDArray[np.int64]:
-            runs, any_of = slabs(q // span)
-            which = 1 << q % span
-            if not any_of & which:
-                return NONE
-            between = float(edges[q]), float(edges[q + 1])
-            return self._crossings(runs, which, between, between, NOWHERE, alike)
-
-        object.__setattr__(self, "_keys", Remembered(interval, 16))
         object.__setattr__(self, "_edges", edges)
         object.__setattr__(self, "_span", span)
-        object.__setattr__(self, "_runs", Remembered(lambda slab: runs_of(slab, facets(slab)), 6))
+        object.__setattr__(self, "_facets", slabs_of(self.points, self.faces, edges, span, *self.size_px))
+        object.__setattr__(self, "_keys", Remembered(self._missed if self.share is None else self._covering, 4))
 
-    def cover(self, index: int, rows: Rows, segments: NDArray[np.float64], share: float) -> int:
-        """Make a layer's pixels solid where the solid over them fills so much of it (`z_sampling="overlap"`).
+    def _of_slab(self, slab: int) -> NDArray[np.int32]:
+        starts, chosen = self._facets
+        mine: NDArray[np.int32] = chosen[starts[slab] : starts[slab + 1]]
+        return mine
 
-        Returns how many changed.
-        """
+    def _missed(self, slab: int) -> list[NDArray[np.int64]]:
+        """Of each interval between mid-planes, the crossings of columns that may begin and end there, sorted."""
+        between = self._edges[slab * self._span : (slab + 1) * self._span + 1]
+        alike = self.rule == EVEN_ODD  # facets that face the same way can bound a stretch, too
+        mine = may_pair(self.points, self.faces, self._of_slab(slab), between, *self.size_px, alike)
+        runs, slopes = facet_runs(self.points, self.faces, mine, float(between[0]), float(between[-1]), *self.size_px)
+        if not alike:
+            runs, slopes = paired(runs, slopes, between, *self.size_px)
+        scales = np.stack([between[:-1], between[1:]], axis=1)
+        within = np.uint64(1) << np.arange(len(scales), dtype=np.uint64)
+        return _by_window(*crossings(runs, slopes, between, within, np.zeros_like(within), scales, alike,
+                                     *self.size_px))  # fmt: skip
+
+    def _covering(self, slab: int) -> list[NDArray[np.int64]]:
+        """Of each layer of a slab, the crossings of columns that it may not fill as its mid-plane says, sorted."""
+        first = slab * self._span
+        windows = [self._window(k) for k in range(first, min(first + self._span, len(self.planes)))]
+        edges = np.unique([z for window in windows for z in (*window.within, *window.always)])
+        low, high = float(edges[0]), float(edges[-1])
+        found = []
+        for k in range(len(self._facets[0]) - 1):  # each facet once: of every slab its part
+            z0, z1 = self._edges[k * self._span], self._edges[min((k + 1) * self._span, len(self._edges) - 1)]
+            if z0 < high and z1 > low:
+                mine = self._of_slab(k)
+                found.append(facet_runs(self.points, self.faces, mine, max(low, z0), min(high, z1), *self.size_px))
+        runs, slopes = (np.concatenate(part) for part in zip(*found, strict=True))
+        within, always = (
+            np.array([_mask(edges, pair) for pair in pairs], np.uint64)
+            for pairs in ([one.within for one in windows], [one.always for one in windows])
+        )
+        scales = np.array([(one.bounds[0], one.bounds[3]) for one in windows])
+        return _by_window(*crossings(runs, slopes, edges, within, always, scales, True, *self.size_px))
+
+    def _window(self, index: int) -> _Window:
+        assert self.share is not None
         (bottom, top), last = self.bounds[index], len(self.planes) - 1
         ends = min(self._edges[0], self.bounds[0, 0] - 1.0), max(self._edges[-1], self.bounds[-1, 1] + 1.0)
         # At the ends, what lies beyond counts as the end layers' own.
         low = self.bounds[index - 1, 0] if index > 1 else ends[0]
         high = self.bounds[index + 1, 1] if index < last - 1 else ends[1]
-        bounds = np.array([low, bottom if index else low, top if index < last else high, high])
+        bounds = float(low), float(bottom if index else low), float(top if index < last else high), float(high)
         heights = np.diff(self.bounds[[max(index - 1, 0), index, min(index + 1, last)]], axis=1)[:, 0]
-        middle, deepest, clear = self.planes[index], share * heights[1], FOIL * heights[1]
-        always = (
-            min(middle, bottom + deepest, top - deepest) - clear,
-            max(middle, bottom + deepest, top - deepest) + clear,
+        middle, deepest, clear = self.planes[index], self.share * heights[1], FOIL * heights[1]
+        return _Window(
+            bounds,
+            heights,
+            (max(bounds[0], bounds[1] - deepest - clear), min(bounds[3], bounds[2] + deepest + clear)),
+            (
+                min(middle, bottom + deepest, top - deepest) - clear,
+                max(middle, bottom + deepest, top - deepest) + clear,
+            ),
         )
-        # A stretch that reaches deeper into a neighbour fills as much of this layer, or is the neighbour's.
-        within = max(low, bounds[1] - deepest - clear), min(high, bounds[2] + deepest + clear)
-        first, stop = np.searchsorted(self._edges, within).clip(1, last + 2).tolist()
-        slabs = range((first - 1) // self._span, (stop - 1) // self._span + 1)
-        if len(slabs) == 1:
-            runs, which = self._runs(slabs[0]), sum(1 << q % self._span for q in range(first - 1, stop))
-        else:
-            parts = zip(*map(self._runs, slabs), strict=True)
-            runs, which = tuple(np.concatenate(part) for part in parts), ALL_INTERVALS
-        keys = self._crossings(runs, which, (float(low), float(high)), within, always, True)
+
+    def cover(self, index: int, rows: Rows, segments: NDArray[np.float64]) -> int:
+        """Make a layer's pixels solid where the solid over them fills the share of it (`z_sampling="overlap"`).
+
+        Returns how many changed.
+        """
+        keys = self._keys(index // self._span)[index % self._span]
         if not len(keys):
             return 0
-        return int(_cover(keys, segments, self.size_px[0], bounds, heights, middle, share, self.least * heights[1],
-                          self.rule, rows))  # fmt: skip
+        window = self._window(index)
+        bounds, heights = np.array(window.bounds), window.heights
+        middle, least, rule = self.planes[index], self.least * heights[1], self.rule
+        changed: int = _cover(keys, segments, self.size_px[0], bounds, heights, middle, self.share, least, rule, rows)
+        return changed
 
-    def _crossings(
-        self,
-        runs: Runs,
-        which: int,
-        scale: tuple[float, float],
-        within: tuple[float, float],
-        always: tuple[float, float],
-        alike: bool,
-    ) -> NDArray[np.int64]:
-        """Those of some runs of facets, sorted."""
-        width, height = self.size_px
-        words = words_for(width)
-        zeros = self.room.zeros(words * height * 2)
-        seen = zeros[: words * height * 2].reshape(words, height, 2)
-        keys: NDArray[np.int64] = crossings(*runs, which, scale, within, always, alike, width, seen)
-        self.room.emptied(zeros)
-        if len(keys) > 1:
-            keys.sort()
-        return keys
+    def _between(self, q: int) -> NDArray[np.int64]:
+        """Crossings between two mid-planes."""
+        return self._keys(q // self._span)[q % self._span]
 
     def near(self, index: int) -> bool:
         """Whether a layer's mid-plane may miss anything."""
-        above = self._keys(index + 1)  # first: the other one is what the thread of the layer below is at
-        return bool(len(above) or len(self._keys(index)))
+        above = self._between(index + 1)  # first: the other one is what the thread of the layer below is at
+        return bool(len(above) or len(self._between(index)))
 
     def rescue(self, index: int, rows: Rows) -> tuple[int, int]:
         """Add to a layer's pixels what its mid-plane misses. Returns (how many were added; how many parts, touching
@@ -370,7 +381,7 @@ class Sheets:
         for q, border, upwards in ((index, bottom, False), (index + 1, top, True)):
             end = index == (last if upwards else 0)
             low, high = self._edges[q], self._edges[q + 1]
-            keys = self._keys(q)
+            keys = self._between(q)
             if len(keys):
                 foil = FOIL * float(np.diff(self.bounds[max(q - 1, 0) : q + 1], axis=1).min())
                 found.append(_walk(keys, width, low, high, border, upwards, end, least, foil, self.rule, rows))

@@ -10,7 +10,6 @@ import numpy as np
 
 from layerfix.bits import words_for
 from layerfix.errors import InputError
-from layerfix.layers.columns import Room
 from layerfix.layers.grey_image import GreyImage
 from layerfix.layers.grey_source import GreySource
 from layerfix.layers.topology import TopologyChange
@@ -162,10 +161,9 @@ class _Sliced:
     pieces: list[_Piece]
     grid: Grid
     antialias: bool
-    share: float | None  # of a layer's height that is to be filled, for "overlap"
 
     def __call__(self, index: int) -> Layer:
-        found = _united(self.pieces, self.grid, index, self.share)
+        found = _united(self.pieces, self.grid, index)
         bottom, top = self.grid.z_mm[index].tolist()
         rows = np.zeros(self.grid.shape, np.uint64) if found.rows is None else found.rows
         gaps = found.gaps
@@ -224,11 +222,11 @@ def _sliced(
     hairlines: bool,
     z_sampling: ZSampling,
     antialias: bool,
-    share: float | None,
+    share: float | None,  # of a layer's height that is to be filled, for "overlap"
 ) -> _Sliced:
-    pieces = _pieces(mesh, grid, rule, hairlines, z_sampling)
+    pieces = _pieces(mesh, grid, rule, hairlines, z_sampling, share)
     how = mesh, grid, rule, hairlines, z_sampling, antialias, share
-    return _Sliced(how, pieces, grid, antialias, share)
+    return _Sliced(how, pieces, grid, antialias)
 
 
 def _covered(pieces: list[_Piece], grid: Grid, index: int) -> GreyImage:
@@ -256,19 +254,17 @@ def _segments_of(cutter: Cutter, grid: Grid, index: int) -> tuple[NDArray[np.flo
     return (segments, np.zeros(0)) if cutter.closed or not len(segments) else close_gaps(segments, grid.pitch)
 
 
-def _pieces(mesh: Mesh, grid: Grid, rule: int, hairlines: bool, z_sampling: ZSampling) -> list[_Piece]:
-    """What is sliced on its own. A clip that bounds several parts is cut once a layer.
-
-    All pieces look for sheets on the same two images, of which each thread has its own.
-    """
-    room = Room()
+def _pieces(
+    mesh: Mesh, grid: Grid, rule: int, hairlines: bool, z_sampling: ZSampling, share: float | None
+) -> list[_Piece]:
+    """What is sliced on its own. A clip that bounds several parts is cut once a layer."""
 
     def piece(surface: Mesh, rule: int, clips: tuple[tuple[Cutter, bool], ...]) -> _Piece:
         cutter = cutter_of(surface, grid)
         size_px = grid.width, grid.shape[0]
         sheets = None
         if z_sampling != "middle" and cutter.closed:
-            sheets = Sheets(cutter.points, cutter.faces, cutter.planes, cutter.bounds, size_px, rule, room=room)
+            sheets = Sheets(cutter.points, cutter.faces, cutter.planes, cutter.bounds, size_px, rule, share=share)
         return _Piece(cutter, rule, hairlines, sheets, clips)
 
     if not mesh.parts:
@@ -304,16 +300,16 @@ class _Found:
         return np.concatenate(self.middles) if self.middles else None
 
 
-def _united(pieces: list[_Piece], grid: Grid, index: int, share: float | None = None) -> _Found:
+def _united(pieces: list[_Piece], grid: Grid, index: int) -> _Found:
     """One layer of all pieces together."""
     found = _Found()
     clips: dict[int, NDArray[np.uint64] | None] = {}
     for piece in pieces:
         solid = _filled(piece.cutter, grid, index, piece.rule, piece.hairlines, found)
         if piece.sheets is not None:
-            if share is not None:
+            if piece.sheets.share is not None:
                 solid = np.zeros(grid.shape, np.uint64) if solid is None else solid
-                found.sheet_px += piece.sheets.cover(index, solid, piece.cutter.segments(index), share)
+                found.sheet_px += piece.sheets.cover(index, solid, piece.cutter.segments(index))
             else:
                 solid = _rescued(piece.sheets, grid, index, solid, found)
         for cutter, inside in piece.clips if solid is not None else ():
