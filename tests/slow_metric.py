@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 from scipy import ndimage
 
+from layerfix.layers.metric.ends import (
+    LEAST_PX,
+    LIMIT_PX,
+    LONGEST_PX,
+    NARROW_PX,
+    SHARE,
+    SHORTEST_PX,
+    SLIGHTLY_PX,
+    WIDER,
+)
 from layerfix.layers.metric.levels import plan_for
 from layerfix.layers.metric.retreat import EVERY_PX, INSIDE_PX, OFF_AXIS_PX, TIE_PX, TURN_PX
 from layerfix.layers.metric.tiles import CROSS, DISC3, HORIZONTAL, SQUARE, VERTICAL
@@ -173,16 +184,112 @@ def retreated(
     return image
 
 
-def thin_metric(image: np.ndarray, anchor: np.ndarray, rx: float, ry: float) -> np.ndarray:
-    """S thinned around an anchor by the metric rule."""
+def ends_set_right(
+    image: np.ndarray, anchor: np.ndarray, solid: np.ndarray, offsets: list[tuple[int, int]]
+) -> np.ndarray:
+    """Each end of a path moved to where F, pixels at these offsets (x, y), ends where S does."""
+    image = image.copy()
+    most = max(max(map(abs, axis)) for axis in zip(*offsets, strict=True)) + 1
+
+    def beside(y: int, x: int) -> list[tuple[int, int]]:
+        return [(y + dy, x + dx) for dx, dy in NEIGHBOURS if image[y + dy, x + dx]]
+
+    def is_solid(y: int, x: int) -> bool:
+        return 0 <= y < solid.shape[0] and 0 <= x < solid.shape[1] and bool(solid[y, x])
+
+    def half_width(y: int, x: int, ux: float, uy: float) -> int:
+        n = 0
+        while n < most + 1 and is_solid(math.floor(y + (n + 1) * uy + 0.5), math.floor(x + (n + 1) * ux + 0.5)):
+            n += 1
+        return n
+
+    def end_of_solid(y: int, x: int, ux: float, uy: float) -> float:
+        right = max(NARROW_PX, SHARE * half_width(y, x, -uy, ux))
+        left = -max(NARROW_PX, SHARE * half_width(y, x, uy, -ux))
+        seen, todo = {(0, 0)}, [(0, 0)]
+        while todo:
+            dy, dx = todo.pop()
+            for du, dv in NEIGHBOURS:
+                v, u = dy + dv, dx + du
+                along, across = u * ux + v * uy, v * ux - u * uy
+                near = -1 <= along <= most + LIMIT_PX + 1
+                near &= left - SLIGHTLY_PX - WIDER * along <= across <= right + SLIGHTLY_PX + WIDER * along
+                if near and (v, u) not in seen and is_solid(y + v, x + u):
+                    seen.add((v, u))
+                    todo.append((v, u))
+        ahead = [(u * ux + v * uy, v * ux - u * uy) for v, u in seen]
+        return max(0.0, *(a for a, across in ahead if left - WIDER * a <= across <= right + WIDER * a))
+
+    ends = [(y, x) for y, x in np.argwhere(image & ~anchor).tolist() if len(beside(y, x)) == 1]
+    for y, x in ends:
+        if not image[y, x] or len(beside(y, x)) != 1:
+            continue
+        path = [(y, x)]
+        while len(path) <= min(max(most, 3), LONGEST_PX) and not anchor[path[-1]]:
+            ways = [p for p in beside(*path[-1]) if p not in path[-2:-1]]
+            if len(ways) != 1:
+                break
+            path += ways
+        length = math.sqrt((x - path[-1][1]) ** 2 + (y - path[-1][0]) ** 2)
+        if length < SHORTEST_PX:
+            continue
+        ux, uy = (x - path[-1][1]) / length, (y - path[-1][0]) / length
+        gap = end_of_solid(y, x, ux, uy) - reach_of(offsets, ux, uy)
+
+        def along(v: int, u: int) -> float:
+            return (u - x) * ux + (v - y) * uy  # noqa: B023
+
+        done = 0.0
+        if LEAST_PX < gap <= LIMIT_PX:
+            for k in range(1, 100):
+                if abs(ux) >= abs(uy):
+                    v, u = math.floor(y + k * uy / abs(ux) + 0.5), x + (k if ux > 0 else -k)
+                else:
+                    v, u = y + (k if uy > 0 else -k), math.floor(x + k * ux / abs(uy) + 0.5)
+                nearer = abs(gap - along(v, u)) < abs(gap - done)
+                if not nearer or not is_solid(v, u) or image[v, u] or len(beside(v, u)) != 1:
+                    break
+                image[v, u], done = True, along(v, u)
+        elif -LIMIT_PX <= gap < -LEAST_PX:
+            for before, (v, u) in itertools.pairwise(path[:-1]):
+                nearer = abs(gap - along(v, u)) < abs(gap - done)
+                if not nearer or anchor[v, u] or len(beside(v, u)) != 2:
+                    break
+                image[before], done = False, along(v, u)
+    return image
+
+
+def reach_of(offsets: list[tuple[int, int]], ux: float, uy: float) -> float:
+    """How far F reaches along a direction: as the kernel adds it up, G first, then the half pixels."""
+    bx, by = (max(o[axis] for o in offsets) + min(o[axis] for o in offsets) for axis in (0, 1))
+    pixels = {*offsets}
+    disc = [(x, y) for x, y in offsets if {(x + bx, y), (x, y + by), (x + bx, y + by)} <= pixels]
+    most = max(abs(uy) * abs(y) + abs(ux) * abs(x) for x, y in disc)
+    return most + max(bx * ux, 0.0) + max(by * uy, 0.0)
+
+
+def thin_metric(
+    image: np.ndarray, anchor: np.ndarray, rx: float, ry: float, offsets: list[tuple[int, int]]
+) -> np.ndarray:
+    """S thinned around an anchor by the metric rule; offsets: of F's pixels (x, y)."""
     pad = ((4, 4), (64, 64))
     solid, fixed = np.pad(image, pad), np.pad(anchor, pad)
     depths = depth_levels(solid, rx, ry)
     kept = unexplained(solid, fixed, depths, rx, ry)
     once = thinned(solid, fixed | kept, fixed | kept)
     twice = thinned(once, fixed | tips(once, kept & ~fixed), fixed | kept)
-    result = retreated(twice, fixed, kept, solid, rx, ry)
-    return result[4:-4, 64:-64]
+    drawn_back = retreated(twice, fixed, kept, solid, rx, ry)
+    return ends_set_right(drawn_back, fixed, solid, offsets)[4:-4, 64:-64]
+
+
+def disc_offsets(rx: float, ry: float) -> list[tuple[int, int]]:
+    """F by radius: offsets (x, y) with (x/rx)² + (y/ry)² ≤ 1."""
+    return [
+        (x, y)
+        for y in range(-math.floor(ry + 1e-6), math.floor(ry + 1e-6) + 1)
+        for x in range(-math.floor(rx + 1e-6), math.floor(rx + 1e-6) + 1)
+        if (x / rx) ** 2 + (y / ry) ** 2 <= 1 + 1e-9
+    ]
 
 
 def feature_offsets(dx: float, dy: float) -> list[tuple[int, int]]:

@@ -111,7 +111,7 @@ def test_equals_the_twin(image, dx, dy, round_one, spurs):
     if spurs == "paper":
         *_, skeleton = slow_twin.steps(image, anchor, max(dx, dy) / 2)
     else:
-        skeleton = slow_metric.thin_metric(image, anchor, dx / 2, dy / 2)
+        skeleton = slow_metric.thin_metric(image, anchor, dx / 2, dy / 2, slow_metric.feature_offsets(dx, dy))
     found = meso_skeleton(image, min_feature_px=(dx, dy), spurs=spurs)
     assert np.array_equal(found, skeleton), f"\n{drawing(found)}\n\nexpected\n{drawing(skeleton)}"
     expected = slow_metric.corrected(image, dx, dy, skeleton)

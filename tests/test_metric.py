@@ -21,7 +21,9 @@ OFF_GRID = np.arange(2.3, 90, 9.7)
 def test_equals_the_twin_by_radius(image, radius):
     """Square pixels and others, whatever touches the frame."""
     image = framed(image, 1)
-    expected = slow_metric.thin_metric(image, slow_twin.erosion(image, *radius), *radius)
+    expected = slow_metric.thin_metric(
+        image, slow_twin.erosion(image, *radius), *radius, slow_metric.disc_offsets(*radius)
+    )
     found = meso_skeleton(image, radius, spurs="metric")
     assert np.array_equal(found, expected), f"\n{drawing(found)}\n\nexpected\n{drawing(expected)}"
 
@@ -31,7 +33,9 @@ def test_equals_the_twin_by_radius(image, radius):
 def test_equals_the_twin_on_larger_images(image, radius):
     """Several tiles, many levels."""
     image = framed(image, 1)
-    expected = slow_metric.thin_metric(image, slow_twin.erosion(image, *radius), *radius)
+    expected = slow_metric.thin_metric(
+        image, slow_twin.erosion(image, *radius), *radius, slow_metric.disc_offsets(*radius)
+    )
     assert np.array_equal(meso_skeleton(image, radius, spurs="metric"), expected)
 
 
@@ -80,23 +84,23 @@ def test_nothing_is_added_at_blunt_corners(size, sides):
         assert isotropy.corners(fix, size, sides, angles)[0] == 0
 
 
-@pytest.mark.parametrize("size", [8, 10, 12, 16, 20])
+@pytest.mark.parametrize("size", [8, 10, 12, 14, 16, 20, 25, 30])
 def test_strips_keep_their_length(size):
-    """Within 2 px in 98 %, never beyond 3 px, on and off the grid; of F by size."""
+    """Within 2 px in 99 %, never beyond 3 px, on and off the grid; of F by size."""
     fix = isotropy.rules(size)["metric"]
     errors = np.concatenate([isotropy.strip_errors(fix, size, angles) for angles in (isotropy.ANGLES[::2], OFF_GRID)])
-    assert (abs(errors) > 2.01).mean() <= 0.02
+    assert (abs(errors) > 2.01).mean() <= 0.01
     assert abs(errors).max() <= 3
     assert abs(errors.mean()) <= 0.35
 
 
-@pytest.mark.parametrize("size", [8, 12])
+@pytest.mark.parametrize("size", [8, 12, 16])
 def test_short_bumps_vanish_and_long_ones_keep_their_tips(size):
-    """Under d / 4 nothing is added; from d on the tip is within 2 px."""
+    """Under d / 4 nothing is added; from d on the tip is within 1.5 px."""
     fix = isotropy.rules(size)["metric"]
     assert isotropy.bumps(fix, size, (0.15, 0.24), OFF_GRID[::2])[0] == 0
     _, least, most = isotropy.bumps(fix, size, (1, 3), OFF_GRID[::2])
-    assert -1.5 <= least <= most <= 2.1
+    assert -1.5 <= least <= most <= 1.5
 
 
 @pytest.mark.parametrize("size", [8, 14])

@@ -67,7 +67,7 @@ def find_printed(images, tool, plan, zeros, whole, draw):  # type: ignore[no-unt
             for y in range(paths.shape[1]):
                 paths[w, y] = U0
         return False
-    skeleton_columns(solid, anchor, metric, rounds, plan, skeleton, scratch, zeros)
+    skeleton_columns(solid, anchor, half_widths, bx, by, metric, rounds, plan, skeleton, scratch, zeros)
     found = find_paths(solid, skeleton, anchor, printed, half_widths, bx, by, by_size, paths)
     if found and draw:
         draw_paths(paths, printed, half_widths, bx, by, scratch[0])

@@ -21,10 +21,11 @@ from layerfix.kernels import njit
 from layerfix.layers.columns import BLOCK, Room, fill_columns, to_columns, to_rows
 from layerfix.layers.drawing import anchor_columns, box_with_reach
 from layerfix.layers.feature import Feature, Radius, feature_of_radius, feature_of_size
+from layerfix.layers.metric.ends import set_ends
 from layerfix.layers.metric.levels import PLAN, plan_for
 from layerfix.layers.metric.rule import ZEROS, thin_metric, zeros_needed
 from layerfix.layers.metric.tiles import IMAGES
-from layerfix.layers.morphology import disc_half_widths, working_box
+from layerfix.layers.morphology import HALF_WIDTHS, disc_half_widths, working_box
 from layerfix.layers.thinning import FIRST, SECOND, SPURS, flag_free, remove_spurs, start_changes, sub_iteration
 
 if TYPE_CHECKING:
@@ -80,10 +81,17 @@ def check_spurs(spurs: str) -> None:
         raise InputError(f"spurs='{spurs}' is not known; choose from {', '.join(SPUR_RULES)}")
 
 
-@njit(types.void(WORK, WORK, types.boolean, types.float64, PLAN, WORK, IMAGES, ZEROS), cache=True, nogil=True)
-def skeleton_columns(solid, anchor, metric, rounds, plan, out, scratch, zeros):  # type: ignore[no-untyped-def]  # numba types it
+@njit(
+    types.void(
+        WORK, WORK, HALF_WIDTHS, types.int64, types.int64, types.boolean, types.float64, PLAN, WORK, IMAGES, ZEROS
+    ),
+    cache=True,
+    nogil=True,
+)
+def skeleton_columns(solid, anchor, half_widths, bx, by, metric, rounds, plan, out, scratch, zeros):  # type: ignore[no-untyped-def]  # numba types it
     """out = M̂ of the columns `solid`, thinned around `anchor`.
 
+    half_widths, bx, by   F
     metric, rounds, plan  `spur_numbers`
     scratch               SCRATCH_IMAGES more columns; zeros: `zeros_needed` words, if metric
     """
@@ -93,6 +101,7 @@ def skeleton_columns(solid, anchor, metric, rounds, plan, out, scratch, zeros): 
             line[y] = here[y]
     if metric:
         thin_metric(out, solid, anchor, scratch, plan, zeros)
+        set_ends(out, solid, anchor, half_widths, bx, by)
     else:
         thin_anchored(out, anchor, rounds, scratch[0])
 
@@ -115,7 +124,8 @@ def meso_skeleton_rows(rows: Rows, width: int, feature: Feature, spurs: Spurs) -
         anchor_columns(solid, feature.half_widths, *feature.block, anchor, scratch[0])
         metric, rounds, plan = spur_numbers(feature, spurs)
         zeros = room.zeros(zeros_needed(plan, *solid.shape))
-        skeleton_columns(solid, anchor, metric, rounds, plan, skeleton, scratch, zeros)
+        half_widths, (bx, by) = feature.half_widths, feature.block
+        skeleton_columns(solid, anchor, half_widths, bx, by, metric, rounds, plan, skeleton, scratch, zeros)
         to_rows(skeleton, outer, width, out)
     return out
 
