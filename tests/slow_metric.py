@@ -204,21 +204,39 @@ def ends_set_right(
         return n
 
     def end_of_solid(y: int, x: int, ux: float, uy: float) -> float:
-        right = max(NARROW_PX, SHARE * half_width(y, x, -uy, ux))
-        left = -max(NARROW_PX, SHARE * half_width(y, x, uy, -ux))
-        seen, todo = {(0, 0)}, [(0, 0)]
-        while todo:
-            dy, dx = todo.pop()
-            for du, dv in NEIGHBOURS:
-                v, u = dy + dv, dx + du
-                along, across = u * ux + v * uy, v * ux - u * uy
-                near = -1 <= along <= most + LIMIT_PX + 1
-                near &= left - SLIGHTLY_PX - WIDER * along <= across <= right + SLIGHTLY_PX + WIDER * along
-                if near and (v, u) not in seen and is_solid(y + v, x + u):
-                    seen.add((v, u))
-                    todo.append((v, u))
-        ahead = [(u * ux + v * uy, v * ux - u * uy) for v, u in seen]
-        return max(0.0, *(a for a, across in ahead if left - WIDER * a <= across <= right + WIDER * a))
+        steep = abs(uy) > abs(ux)
+        main, side = (uy, ux) if steep else (ux, uy)
+        step, main = int(math.copysign(1, main)), abs(main)
+        widths = [max(NARROW_PX, SHARE * half_width(y, x, s * -uy, s * ux)) for s in (1, -1)]
+        above, below = widths if (uy < 0 if steep else ux >= 0) else widths[::-1]
+        reached, far, k = {0}, 0.0, 0
+        while k <= (most + LIMIT_PX + 1) * main:
+            line, wider = k * side / main, WIDER * k / main
+
+            def window(extra: float) -> range:
+                low = math.ceil(line - (below + wider + extra) / main)  # noqa: B023
+                return range(low, math.floor(line + (above + wider + extra) / main) + 1)  # noqa: B023
+
+            full = {
+                j
+                for j in window(SLIGHTLY_PX)
+                if is_solid(*((y + k * step, x + j) if steep else (y + j, x + k * step)))
+            }
+            near = (k > 0) and 1
+            touched = [j for j in full if min(reached) - near <= j <= max(reached) + near]
+            if not touched:
+                break
+            first, last = min(touched), max(touched)
+            while first - 1 in full:
+                first -= 1
+            while last + 1 in full:
+                last += 1
+            reached = {first, last}
+            allowed = [j for j in window(0.0) if first <= j <= last]
+            if allowed:
+                far = max(far, k * main + (max(allowed) if side > 0 else min(allowed)) * side)
+            k += 1
+        return far
 
     ends = [(y, x) for y, x in np.argwhere(image & ~anchor).tolist() if len(beside(y, x)) == 1]
     for y, x in ends:

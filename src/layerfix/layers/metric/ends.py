@@ -100,35 +100,45 @@ def _half_width(solid, y, x, ux, uy, most):  # type: ignore[no-untyped-def]  # n
 
 
 @njit
-def _end_of_solid(solid, y, x, ux, uy, wide, long, seen, queue):  # type: ignore[no-untyped-def]  # numba types it
+def _solid_at(solid, y, x, steep, k, j):  # type: ignore[no-untyped-def]  # numba types it
+    return _solid(solid, y + k, x + j) if steep else _solid(solid, y + j, x + k)
+
+
+@njit
+def _end_of_solid(solid, y, x, ux, uy, wide, long):  # type: ignore[no-untyped-def]  # numba types it
     """How far S reaches from (y, x) along a direction, as far as it hangs together ahead and beside the path.
 
-    wide, long  how far it is looked for across the direction and along it
-    seen        False everywhere, and again afterwards; queue: room for as many pixels as it has
+    Row by row if the direction is steep, else column by column: in each from the first to the last solid pixel that
+    touches those of the one before, in a window round the path's line that grows wider. wide, long: at most
     """
+    steep = abs(uy) > abs(ux)
+    main, side = (abs(uy), ux) if steep else (abs(ux), uy)
+    step = (1 if uy > 0 else -1) if steep else (1 if ux > 0 else -1)
     right = max(NARROW_PX, SHARE * _half_width(solid, y, x, -uy, ux, wide))
-    left = -max(NARROW_PX, SHARE * _half_width(solid, y, x, uy, -ux, wide))
-    reach = seen.shape[0] // 2
-    seen[reach, reach] = True
-    queue[0, 0] = queue[0, 1] = 0
-    k, n, far = 0, 1, 0.0
-    while k < n:
-        dy, dx = np.int64(queue[k, 0]), np.int64(queue[k, 1])
+    left = max(NARROW_PX, SHARE * _half_width(solid, y, x, uy, -ux, wide))
+    below, above = (right, left) if (uy > 0 if steep else ux < 0) else (left, right)  # towards smaller j, larger j
+    first, last, k, far = 0, 0, 0, 0.0
+    while k <= long * main:
+        line, wider = k * side / main, WIDER * k / main
+        low = math.ceil(line - (below + wider + SLIGHTLY_PX) / main)
+        high = math.floor(line + (above + wider + SLIGHTLY_PX) / main)
+        begin, end = max(first - (k > 0), low), min(last + (k > 0), high)
+        while begin <= end and not _solid_at(solid, y, x, steep, k * step, begin):
+            begin += 1
+        if begin > end:
+            break
+        while not _solid_at(solid, y, x, steep, k * step, end):
+            end -= 1
+        first, last = begin, end
+        while first > low and _solid_at(solid, y, x, steep, k * step, first - 1):
+            first -= 1
+        while last < high and _solid_at(solid, y, x, steep, k * step, last + 1):
+            last += 1
+        least = max(first, math.ceil(line - (below + wider) / main))
+        most = min(last, math.floor(line + (above + wider) / main))
+        if least <= most:
+            far = max(far, k * main + (most if side > 0 else least) * side)
         k += 1
-        along, across = dx * ux + dy * uy, dy * ux - dx * uy
-        if left - WIDER * along <= across <= right + WIDER * along:
-            far = max(far, along)
-        for i in range(8):
-            v, u = dy + DY[i], dx + DX[i]
-            along, across = u * ux + v * uy, v * ux - u * uy
-            near = -1 <= along <= long and left - SLIGHTLY_PX - WIDER * along <= across
-            near = near and across <= right + SLIGHTLY_PX + WIDER * along
-            if near and not seen[v + reach, u + reach] and _solid(solid, y + v, x + u):
-                seen[v + reach, u + reach] = True
-                queue[n, 0], queue[n, 1] = v, u
-                n += 1
-    for k in range(n):
-        seen[queue[k, 0] + reach, queue[k, 1] + reach] = False
     return far
 
 
@@ -182,8 +192,6 @@ def set_ends(columns, solid, anchor, half_widths, bx, by):  # type: ignore[no-un
     most = max(half_widths.shape[0] - 1 + by, half_widths[0] + bx) + 1
     path = np.empty((min(max(most, 3), LONGEST_PX) + 1, 2), np.int64)
     wide, long = most + 1, most + LIMIT_PX + 1
-    across = 2 * math.ceil(math.hypot(long, wide + NARROW_PX + SLIGHTLY_PX + WIDER * long)) + 3
-    seen, queue = np.zeros((across, across), np.bool_), np.empty((across * across, 2), np.int32)
     for y, x in spots:
         if not _bit(columns, y, x) or COUNT[_neighbourhood(columns, y, x)] != 1:
             continue
@@ -192,7 +200,7 @@ def set_ends(columns, solid, anchor, half_widths, bx, by):  # type: ignore[no-un
         if length < SHORTEST_PX:
             continue
         ux, uy = (x - path[n - 1, 1]) / length, (y - path[n - 1, 0]) / length
-        gap = _end_of_solid(solid, y, x, ux, uy, wide, long, seen, queue) - _reach(half_widths, bx, by, ux, uy)
+        gap = _end_of_solid(solid, y, x, ux, uy, wide, long) - _reach(half_widths, bx, by, ux, uy)
         if LEAST_PX < gap <= LIMIT_PX:
             _grow(columns, solid, y, x, ux, uy, gap)
         elif -LIMIT_PX <= gap < -LEAST_PX:
