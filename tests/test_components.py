@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from layerfix.bits import pack, unpack
 from layerfix.layers.columns import bounding_box, to_columns, with_border
-from layerfix.layers.components import components_at, label_runs, same_topology, smaller_than
+from layerfix.layers.components import components_at, edges_of_rows, label_runs, same_topology, smaller_than
 from tests.pictures_as_text import framed, images, picture
 
 
@@ -38,6 +38,14 @@ def solids(image: np.ndarray) -> tuple[np.ndarray, int]:
 def voids(image: np.ndarray) -> tuple[np.ndarray, int]:
     """4-connected components of what is not solid, the outside among them."""
     return ndimage.label(~framed(image, 1))
+
+
+@given(images(widths=st.sampled_from([1, 63, 64, 65, 128, 130]), heights=st.integers(1, 20)))
+def test_edges_of_rows_are_where_pixels_turn(image):
+    """Also at the borders of words and of the frame."""
+    starts, edges = edges_of_rows(pack(image))
+    for y, line in enumerate(np.pad(image, ((0, 0), (1, 1)))):
+        assert edges[starts[y] : starts[y + 1]].tolist() == np.flatnonzero(line[1:] != line[:-1]).tolist()
 
 
 @given(images())

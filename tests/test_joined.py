@@ -100,7 +100,7 @@ def test_fix_and_check_tell(tmp_path):
     fixed = run_layerfix(
         "fix", "near.stl", "out.zip", "--pixel", "0.1mm", "--layer", "0.2mm", "--min-feature", "0.4mm", cwd=tmp_path
     )
-    assert "pieces less than two pixels apart are" in fixed.out
+    assert "pieces within two pixels of one another are" in fixed.out
     assert "x 9.50 to 10.00, y 1.04 to 6.00" in fixed.out
     checked = run_layerfix(
         "check", "near.stl", "--pixel", "0.1mm", "--layer", "0.2mm", "--min-feature", "0.4mm", "--json", cwd=tmp_path

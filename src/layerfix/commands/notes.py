@@ -59,7 +59,7 @@ def told_of_joined(joined: Sequence[TopologyChange]) -> list[str]:
     found = sorted(joined, key=lambda one: -one.area_mm2)
     number, heights = sum(one.count for one in found), len({one.z_mm for one in found})
     return [
-        f"{number} pieces less than two pixels apart are {counted(len(found), 'part')} in the layers, in"
+        f"{number} pieces within two pixels of one another are {counted(len(found), 'part')} in the layers, in"
         f" {counted(heights, 'layer')}; the largest: {_places(found)}"
     ]
 

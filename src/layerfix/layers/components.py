@@ -74,19 +74,24 @@ def edges_of_rows(rows):  # type: ignore[no-untyped-def]  # numba types it
     height, words = rows.shape
     starts, edges, n = np.zeros(height + 1, np.int64), np.empty(4 * height + 64, np.int64), 0
     for y in range(height):
-        west = U0
-        for w in range(words + 1):
-            here = rows[y, w] if w < words else U0
-            turns = here ^ (here << U1) ^ (west >> U63)
-            west = here
+        line, goes_on = rows[y], U0  # all bits, if the pixel before is solid
+        if n + 64 * words + 1 > edges.shape[0]:
+            longer = np.empty(2 * n + 64 * words + 1, np.int64)
+            longer[:n] = edges[:n]
+            edges = longer
+        for w in range(words):
+            here = line[w]
+            if here == goes_on:
+                continue
+            turns = here ^ (here << U1) ^ (goes_on & U1)
             while turns != U0:
-                if n == edges.shape[0]:
-                    longer = np.empty(2 * n, np.int64)
-                    longer[:n] = edges
-                    edges = longer
                 edges[n] = 64 * w + lowest_bit(turns)
                 n += 1
                 turns &= turns - U1
+            goes_on = ALL if here >> U63 != U0 else U0
+        if goes_on != U0:
+            edges[n] = 64 * words
+            n += 1
         starts[y + 1] = n
     return starts, edges[:n]
 

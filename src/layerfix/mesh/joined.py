@@ -106,16 +106,25 @@ def _unite(parent, one, other):  # type: ignore[no-untyped-def]  # numba types i
 
 
 @njit
-def _unite_touching(segments, of, wanted, starts, numbers, parent):  # type: ignore[no-untyped-def]  # numba types it
+def _unite_touching(segments, of, measures, wanted, starts, numbers, parent):  # type: ignore[no-untyped-def]  # numba types it
     """Unite contours that touch a wanted one with it."""
+    near = np.zeros(wanted.shape[0], np.bool_)  # the boxes of most touch none
+    for c in range(wanted.shape[0]):
+        for other in range(wanted.shape[0] if wanted[c] else 0):
+            apart = max(
+                measures[c, 0] - measures[other, 2], measures[other, 0] - measures[c, 2],
+                measures[c, 1] - measures[other, 3], measures[other, 1] - measures[c, 3],
+            )  # fmt: skip
+            if other != c and apart <= TOUCH:
+                near[c] = near[other] = True
     for y in range(starts.shape[0] - 1):
         for i in range(starts[y], starts[y + 1]):
             s = numbers[i]
-            if not wanted[of[s]]:
+            if not (wanted[of[s]] and near[of[s]]):
                 continue
             for j in range(starts[y], starts[y + 1]):
                 t = numbers[j]
-                if of[t] == of[s] or (t > s and wanted[of[t]]):
+                if not near[of[t]] or of[t] == of[s] or (t > s and wanted[of[t]]):
                     continue
                 if root_of(parent, of[s]) != root_of(parent, of[t]) and _touch(segments[s], segments[t]):
                     _unite(parent, of[s], of[t])
@@ -195,7 +204,7 @@ def joined_pieces(segments, rows, rule):  # type: ignore[no-untyped-def]  # numb
     first = math.floor(measures[:, 1].min() - TOUCH)
     starts, numbers = _by_rows(segments, first, math.floor(measures[:, 3].max() + TOUCH) + 1)
     parent, size = np.arange(count), np.zeros(count, np.int64)
-    _unite_touching(segments, of, wanted, starts, numbers, parent)
+    _unite_touching(segments, of, measures, wanted, starts, numbers, parent)
     for c in range(count):
         size[root_of(parent, c)] += 1
     for c in range(count):
