@@ -74,16 +74,15 @@ def _counting(lines, i, alike):  # type: ignore[no-untyped-def]  # numba types i
 
 
 @njit
-def _mark_blocks(mine, runs, slopes, edges, windows, anyway, alike, blocks, marked):  # type: ignore[no-untyped-def]  # numba types it
-    """Mark those blocks of a row in which pixels may count. Returns (the first, past the last).
+def _mark_blocks(mine, runs, slopes, edges, windows, anyway, alike, blocks, marked, touched):  # type: ignore[no-untyped-def]  # numba types it
+    """Mark those blocks of a row in which pixels may count, and write them to `touched`. Returns how many there are.
 
     blocks  (2, n), 0, and will be again
     """
-    left, right = marked.shape[0], 0
+    n = 0
     for r in mine:
         first, stop, side = runs[r, 1], runs[r, 2], np.int64(runs[r, 3])
         begin, end = first // BLOCK, (stop - 1) // BLOCK + 1
-        left, right = min(left, begin), max(right, end)
         z = run_z(slopes, r, first)
         q = _interval(edges, z, max(below(edges, z) - 1, 0))
         for u in range(begin, end):
@@ -92,15 +91,34 @@ def _mark_blocks(mine, runs, slopes, edges, windows, anyway, alike, blocks, mark
             for e in range(min(p, q), max(p, q) + 1):
                 mine_here |= windows[e]
                 enough |= anyway[e]
+            if blocks[0, u] | blocks[1, u] == U0:
+                touched[n] = u
+                n += 1
             _add(blocks, u, side, mine_here, enough, alike)
             q = _interval(edges, run_z(slopes, r, (u + 1) * BLOCK), p) if u + 1 < end else p
-    begin, end = right, left
-    for u in range(left, right):
-        marked[u] = _counting(blocks, u, alike) != U0
-        blocks[0, u] = blocks[1, u] = U0
+    return _still_marked(touched[:n], blocks, 1, alike, marked)
+
+
+@njit
+def _still_marked(touched, noted, each, alike, marked):  # type: ignore[no-untyped-def]  # numba types it
+    """Mark those of some blocks in which something counts, put them first, and return how many there are.
+
+    noted  (2, n) what was noted of each of a block's `each` places; then the windows in which it counts, and 0
+    """
+    kept = 0
+    for k in range(touched.shape[0]):
+        u = touched[k]
+        marked[u] = False
+        for i in range(u * each, (u + 1) * each):
+            noted[0, i] = _counting(noted, i, alike)
+            noted[1, i] = U0
+            marked[u] |= noted[0, i] != U0
+            if each == 1:
+                noted[0, i] = U0
         if marked[u]:
-            begin, end = min(begin, u), u + 1
-    return begin, end
+            touched[kept] = u
+            kept += 1
+    return kept
 
 
 @njit
@@ -114,23 +132,6 @@ def _note_pixels(mine, runs, slopes, edges, windows, anyway, alike, marked, line
             for i in range(max(first, u * BLOCK), min(stop, (u + 1) * BLOCK)):
                 q = _interval(edges, run_z(slopes, r, i), q)
                 _add(lines, i, side, windows[q], anyway[q], alike)
-
-
-@njit
-def _keep_counting(begin, end, alike, marked, lines):  # type: ignore[no-untyped-def]  # numba types it
-    """The windows in which each pixel of the marked blocks of a row counts, as the first of the lines; blocks without
-    one are marked no more. Returns whether there are any."""
-    some = False
-    for u in range(begin, end):
-        if not marked[u]:
-            continue
-        marked[u] = False
-        for i in range(u * BLOCK, (u + 1) * BLOCK):
-            lines[0, i] = _counting(lines, i, alike)
-            lines[1, i] = U0
-            marked[u] |= lines[0, i] != U0
-        some |= marked[u]
-    return some
 
 
 @njit
@@ -171,7 +172,7 @@ def crossings(runs, slopes, edges, within, always, scales, alike, width, height)
     anyway = _by_intervals(always, edges.shape[0] - 1)
     blocks_of_row = (width + BLOCK - 1) // BLOCK
     blocks, marked = np.zeros((2, blocks_of_row), np.uint64), np.zeros(blocks_of_row, np.bool_)
-    lines = np.zeros((2, blocks_of_row * BLOCK), np.uint64)
+    lines, touched = np.zeros((2, blocks_of_row * BLOCK), np.uint64), np.empty(blocks_of_row, np.int64)
     starts, order = _in_rows(runs, height)
     keys, of_window, n = np.empty(256, np.int64), np.empty(256, np.int64), 0
     counts = np.zeros(within.shape[0] + 1, np.int64)
@@ -179,15 +180,15 @@ def crossings(runs, slopes, edges, within, always, scales, alike, width, height)
         mine = order[starts[j] : starts[j + 1]]
         if mine.shape[0] == 0:
             continue
-        begin, end = _mark_blocks(mine, runs, slopes, edges, windows, anyway, alike, blocks, marked)
-        if end <= begin:
-            continue
-        _note_pixels(mine, runs, slopes, edges, windows, anyway, alike, marked, lines)
-        if not _keep_counting(begin, end, alike, marked, lines):
+        count = _mark_blocks(mine, runs, slopes, edges, windows, anyway, alike, blocks, marked, touched)
+        if count > 0:
+            _note_pixels(mine, runs, slopes, edges, windows, anyway, alike, marked, lines)
+            count = _still_marked(touched[:count], lines, BLOCK, alike, marked)
+        if count == 0:
             continue
         for r in mine:
             q = 0
-            for u in range(max(runs[r, 1] // BLOCK, begin), min((runs[r, 2] - 1) // BLOCK + 1, end)):
+            for u in range(runs[r, 1] // BLOCK, (runs[r, 2] - 1) // BLOCK + 1):
                 if not marked[u]:
                     continue
                 for i in range(max(runs[r, 1], u * BLOCK), min(runs[r, 2], (u + 1) * BLOCK)):
@@ -206,9 +207,9 @@ def crossings(runs, slopes, edges, within, always, scales, alike, width, height)
                         of_window[n] = k
                         counts[k + 1] += 1
                         n += 1
-        for u in range(begin, end):
-            if marked[u]:
-                lines[0, u * BLOCK : (u + 1) * BLOCK] = U0
+        for u in touched[:count]:
+            marked[u] = False
+            lines[0, u * BLOCK : (u + 1) * BLOCK] = U0
     for k in range(within.shape[0]):
         counts[k + 1] += counts[k]
     out, where = np.empty(n, np.int64), counts.copy()
