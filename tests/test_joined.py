@@ -15,7 +15,7 @@ from layerfix import slice_mesh
 from layerfix.bits import unpack
 from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE
 from layerfix.mesh.joined import joined_pieces
-from layerfix.mesh.pieces import fill_pieces, may_be_joined
+from layerfix.mesh.pieces import contours_and_edges, fill_pieces
 from tests.making import box, joined, run_layerfix, write_stl
 from tests.test_coverage import segments_of
 
@@ -55,11 +55,14 @@ def test_as_many_as_shapely_says(seed):
         (EVEN_ODD, segments_of(shapely.MultiPolygon([*shapely.get_parts(whole)])), whole),
     ):
         rows = np.zeros((SIZE, 1), np.uint64)
-        more = fill_pieces(cut, SIZE, rule, rows)[2]
+        cut = np.ascontiguousarray(rng.permutation(cut))
+        more, contours = fill_pieces(cut, SIZE, rule, rows)[2:]
         expected = joined_by_hand(pieces, rows)
-        found = joined_pieces(np.ascontiguousarray(rng.permutation(cut)), rows, rule)
+        found = joined_pieces(cut, contours_and_edges(cut, rows), rule)
         assert int((found[:, 0] - 1).sum()) == expected
-        assert expected <= more == (may_be_joined(cut, rows, rule) if more else 0)
+        assert expected <= more
+        if more:
+            assert np.array_equal(found, joined_pieces(cut, contours, rule))
 
 
 def two_fins(apart_mm: float) -> tuple:

@@ -27,7 +27,7 @@ from layerfix.mesh.closing import edges_balance, orient
 from layerfix.mesh.doubles import without_doubles
 from layerfix.mesh.facet_runs import HEIGHTS, INDICES, POINTS, TRIANGLES, by_slabs
 from layerfix.mesh.fill import SEGMENTS, below, fill
-from layerfix.mesh.pieces import PLACES, fill_pieces
+from layerfix.mesh.pieces import CONTOURS, PLACES, fill_pieces
 from layerfix.mesh.sheets import LEAST
 from layerfix.stack import layer_bounds_mm
 from layerfix.units import format_mm
@@ -130,7 +130,7 @@ def cut(points, faces, chosen, plane):  # type: ignore[no-untyped-def]  # numba 
 
 
 @njit(
-    types.Tuple((types.int64, types.int64, PLACES, types.int64))(
+    types.Tuple((types.int64, types.int64, PLACES, types.int64, SEGMENTS, CONTOURS))(
         POINTS, TRIANGLES, INDICES, types.float64, types.int64, types.int64, types.boolean, WORK
     ),
     cache=True,
@@ -138,13 +138,15 @@ def cut(points, faces, chosen, plane):  # type: ignore[no-untyped-def]  # numba 
 )
 def fill_cut(points, faces, chosen, plane, width, rule, hairlines, rows):  # type: ignore[no-untyped-def]  # numba types it
     """`cut` and `fill` of a closed surface: (segments, pixels of hairlines, middles of small pieces, pieces that may
-    have been joined); the last three only if `hairlines`."""
+    have been joined, and if any, the segments and their contours); the latter only if `hairlines`."""
     segments = cut(points, faces, chosen, plane)
     if segments.shape[0] == 0 or not hairlines:
         added = fill(segments, width, rule, False, rows) if segments.shape[0] else 0
-        return segments.shape[0], added, np.empty((0, 2), np.int64), 0
-    added, small, joined = fill_pieces(segments, width, rule, rows)
-    return segments.shape[0], added, small, joined
+        none = np.empty(0, np.int64)
+        contours = none, none, np.empty((0, 7)), none, none
+        return segments.shape[0], added, np.empty((0, 2), np.int64), 0, segments[:0], contours
+    added, small, joined, contours = fill_pieces(segments, width, rule, rows)
+    return segments.shape[0], added, small, joined, segments if joined else segments[:0], contours
 
 
 def frame_of(

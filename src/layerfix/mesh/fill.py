@@ -23,14 +23,12 @@ from numba import types
 
 from layerfix.bits import ALL, U1, WORK
 from layerfix.kernels import njit
-from layerfix.layers.components import joined_runs
 from layerfix.layers.neighbours import around, bit_at, is_simple
 
 SEGMENTS = types.Array(types.float64, 2, "C")
 EVEN_ODD, NONZERO, POSITIVE = 0, 1, 2
 BITS = 20
 ONE = 1 << BITS  # of an edge
-UNKNOWN = -1
 NOT, MAYBE, SURELY = 0, 1, 2  # whether components are counted
 LEAST_AREA = 1e-9  # px², of a piece within a cell: a sheet drawn on both sides has none
 
@@ -326,13 +324,15 @@ def _with_run(edges, n, of_row, first, stop):  # type: ignore[no-untyped-def]  #
 
 @njit
 def fill_and_look(segments, width, rule, thin, look, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """(pixels as `fill` says; the number of components of `rows`: with look = MAYBE only if void may pass between
-    pixels that touch, or solid has no pixel of its own; else UNKNOWN)."""
+    """(pixels as `fill` says; whether something that is apart may be one in `rows`; if so, `edges_of_rows` of them).
+
+    With look = MAYBE that is so only if void may pass between pixels that touch, or solid has no pixel of its own.
+    """
     height, stride = rows.shape[0], np.int64(width + 1)
     starts, crossings = row_crossings(segments, width, height)
     spans, close = _fill_rows(starts, crossings, rule, look, rows)
     if not thin:
-        return 0, UNKNOWN
+        return 0, False, np.empty(0, np.int64), np.empty(0, np.int64)
     keys, inner, also_close = _column_keys(segments, width, look, rows)
     marks = np.empty((spans.shape[0] + keys.shape[0] + inner.shape[0], 2), np.int64)
     m = _mark_rows(spans, width, marks)
@@ -341,9 +341,9 @@ def fill_and_look(segments, width, rule, thin, look, rows):  # type: ignore[no-u
     m = _mark_cells(segments, inner, met[:edges], spans, rule, stride, height, width, marks, m)
     added = _draw_marks(marks[:m], rows)
     if look == NOT or not (look == SURELY or close or also_close or m):
-        return added, UNKNOWN
+        return added, False, np.empty(0, np.int64), np.empty(0, np.int64)
     turns, edges = _edges_of_fill(starts, crossings, rule, marks[:m], rows)
-    return added, joined_runs(turns, edges, 64 * rows.shape[1], False)[2]
+    return added, True, turns, edges
 
 
 @njit

@@ -12,33 +12,26 @@ import math
 import numpy as np
 from numba import types
 
-from layerfix.bits import WORK
 from layerfix.kernels import njit
-from layerfix.layers.components import edges_of_rows, joined_runs, root_of
-from layerfix.layers.neighbours import bit_at
+from layerfix.layers.components import joined_runs, root_of
 from layerfix.mesh.fill import SEGMENTS, winding_is_inside
-from layerfix.mesh.pieces import NONE, contours_of, is_outer, within
+from layerfix.mesh.pieces import CONTOURS, NONE, is_outer
 
 TOUCH = 1e-6  # px: what is nearer is the same place
 FOUND = types.Array(types.float64, 2, "C")
 
 
 @njit
-def _components(segments, of, measures, rows):  # type: ignore[no-untyped-def]  # numba types it
+def _components(segments, of, turns, edges):  # type: ignore[no-untyped-def]  # numba types it
     """Of each contour a run of the component that it is in; NONE for what is outside the frame.
 
     The corners of a cell are 8-neighbours, and a piece that enters a cell sets one of them, but for ends of a line
     that were taken back. If all of it was taken back, it touched what is there.
     """
-    part, y_first, x_first = within(rows, measures)
-    turns, edges = edges_of_rows(part)
-    runs, parent, _ = joined_runs(turns, edges, 64 * part.shape[1], False)
-    found = np.full(of.max() + 1, NONE, np.int64)
-    first_of = np.zeros(part.shape[0] + 1, np.int64)
-    for k in range(runs.shape[0]):
-        first_of[runs[k, 0] + 1] += 1
-    for y in range(part.shape[0]):
-        first_of[y + 1] += first_of[y]
+    stride = edges.max() + 1 if edges.shape[0] else 1
+    runs, parent, _ = joined_runs(turns, edges, stride, False)
+    found, height = np.full(of.max() + 1, NONE, np.int64), turns.shape[0] - 1
+    first_of = turns // 2
     for reach in range(2):
         side = 2 + 2 * reach
         for s in range(segments.shape[0]):
@@ -48,12 +41,14 @@ def _components(segments, of, measures, rows):  # type: ignore[no-untyped-def]  
                 if found[of[s]] != NONE:
                     break
                 along, corner = k // (side * side) / steps, k % (side * side)
-                x = math.floor(x0 + along * (x1 - x0)) - reach + corner % side - x_first
-                y = math.floor(y0 + along * (y1 - y0)) - reach + corner // side - y_first
-                if bit_at(part, y, x):
-                    run = first_of[y]
-                    while runs[run, 2] <= x:
-                        run += 1
+                x = math.floor(x0 + along * (x1 - x0)) - reach + corner % side
+                y = math.floor(y0 + along * (y1 - y0)) - reach + corner // side
+                if not 0 <= y < height:
+                    continue
+                run = first_of[y]
+                while run < first_of[y + 1] and runs[run, 2] <= x:
+                    run += 1
+                if run < first_of[y + 1] and runs[run, 1] <= x:
                     found[of[s]] = root_of(parent, run)
     return found
 
@@ -106,28 +101,60 @@ def _unite(parent, one, other):  # type: ignore[no-untyped-def]  # numba types i
 
 
 @njit
-def _unite_touching(segments, of, measures, wanted, starts, numbers, parent):  # type: ignore[no-untyped-def]  # numba types it
-    """Unite contours that touch a wanted one with it."""
-    near = np.zeros(wanted.shape[0], np.bool_)  # the boxes of most touch none
+def _boxes_meet(one, other):  # type: ignore[no-untyped-def]  # numba types it
+    """Whether two boxes (x0, y0, x1, y1, …) are no further apart than TOUCH."""
+    return max(one[0] - other[2], other[0] - one[2], one[1] - other[3], other[1] - one[3]) <= TOUCH
+
+
+@njit
+def _near(measures, wanted):  # type: ignore[no-untyped-def]  # numba types it
+    """Which contours may touch a wanted one, or are one that may be touched, by their boxes."""
+    near = np.zeros(wanted.shape[0], np.bool_)
     for c in range(wanted.shape[0]):
-        for other in range(wanted.shape[0] if wanted[c] else 0):
-            apart = max(
-                measures[c, 0] - measures[other, 2], measures[other, 0] - measures[c, 2],
-                measures[c, 1] - measures[other, 3], measures[other, 1] - measures[c, 3],
-            )  # fmt: skip
-            if other != c and apart <= TOUCH:
+        if not wanted[c]:
+            continue
+        for other in range(wanted.shape[0]):
+            if other != c and not (near[c] and near[other]) and _boxes_meet(measures[c], measures[other]):
                 near[c] = near[other] = True
+    return near
+
+
+@njit
+def _unite_touching(segments, of, measures, wanted, starts, numbers, parent, too_many):  # type: ignore[no-untyped-def]  # numba types it
+    """Unite contours that touch a wanted one with it, row by row, until as many wanted ones are united as there are
+    too many. Returns how many then still are.
+    """
+    near = _near(measures, wanted)
+    holds = wanted.copy()  # whether a group holds a wanted one
+    here, left, right = np.empty(64, np.int64), np.empty(64), np.empty(64)
     for y in range(starts.shape[0] - 1):
+        n = 0
+        if here.shape[0] < starts[y + 1] - starts[y]:
+            more = 2 * (starts[y + 1] - starts[y])
+            here, left, right = np.empty(more, np.int64), np.empty(more), np.empty(more)
         for i in range(starts[y], starts[y + 1]):
-            s = numbers[i]
-            if not (wanted[of[s]] and near[of[s]]):
-                continue
-            for j in range(starts[y], starts[y + 1]):
-                t = numbers[j]
-                if not near[of[t]] or of[t] == of[s] or (t > s and wanted[of[t]]):
-                    continue
-                if root_of(parent, of[s]) != root_of(parent, of[t]) and _touch(segments[s], segments[t]):
-                    _unite(parent, of[s], of[t])
+            if near[of[numbers[i]]]:
+                s, k = numbers[i], n
+                x0, x1 = min(segments[s, 0], segments[s, 2]), max(segments[s, 0], segments[s, 2])
+                while k > 0 and left[k - 1] > x0:
+                    here[k], left[k], right[k] = here[k - 1], left[k - 1], right[k - 1]
+                    k -= 1
+                here[k], left[k], right[k] = s, x0, x1
+                n += 1
+        for i in range(n):
+            j = i + 1
+            while j < n and left[j] <= right[i] + TOUCH:
+                one, other = of[here[i]], of[here[j]]
+                if one != other and (wanted[one] or wanted[other]):
+                    a, b = root_of(parent, one), root_of(parent, other)
+                    if a != b and _touch(segments[here[i]], segments[here[j]]):
+                        parent[max(a, b)] = min(a, b)
+                        too_many -= holds[a] and holds[b]
+                        holds[min(a, b)] = holds[a] or holds[b]
+                        if too_many == 0:
+                            return 0
+                j += 1
+    return too_many
 
 
 @njit
@@ -140,23 +167,25 @@ def _passes_left(segment, x, y):  # type: ignore[no-untyped-def]  # numba types 
 
 
 @njit
-def _contours_touch(segments, of, one, other):  # type: ignore[no-untyped-def]  # numba types it
+def _contours_touch(segments, of, one, other, starts, numbers, first):  # type: ignore[no-untyped-def]  # numba types it
     for s in range(segments.shape[0]):
-        if of[s] == one:
-            for t in range(segments.shape[0]):
+        if of[s] != one:
+            continue
+        low, high = min(segments[s, 1], segments[s, 3]), max(segments[s, 1], segments[s, 3])
+        for y in range(math.floor(low - TOUCH) - first, math.floor(high + TOUCH) - first + 1):
+            for t in numbers[starts[y] : starts[y + 1]]:
                 if of[t] == other and _touch(segments[s], segments[t]):
                     return True
     return False
 
 
 @njit
-def _unite_hole(hole, point, segments, of, outer, areas, here, parent):  # type: ignore[no-untyped-def]  # numba types it
-    """Unite a hole with what it is a hole of: the smallest outer contour round its point that does not touch it.
-
-    here  segments of the point's row
-    """
-    turns = np.zeros(outer.shape[0], np.int64)
-    for s in here:
+def _unite_hole(hole, begin, segments, of, outer, areas, starts, numbers, first, parent):  # type: ignore[no-untyped-def]  # numba types it
+    """Unite a hole with what it is a hole of: the smallest outer contour round its first point, but for those that
+    touch it."""
+    turns, point = np.zeros(outer.shape[0], np.int64), segments[begin]
+    row = math.floor(point[1]) - first
+    for s in numbers[starts[row] : starts[row + 1]]:
         turns[of[s]] += _passes_left(segments[s], point[0], point[1])
     while True:
         best = NONE
@@ -165,7 +194,7 @@ def _unite_hole(hole, point, segments, of, outer, areas, here, parent):  # type:
                 best = c
         if best == NONE:
             return
-        if not _contours_touch(segments, of, hole, best):
+        if not _contours_touch(segments, of, hole, best, starts, numbers, first):
             _unite(parent, hole, best)
             return
         turns[best] = 0
@@ -183,16 +212,18 @@ def _in_solid(point, group, segments, of, roots, here, rule):  # type: ignore[no
     return winding_is_inside(winding, crossed, rule)
 
 
-@njit(FOUND(SEGMENTS, WORK, types.int64), cache=True, nogil=True)
-def joined_pieces(segments, rows, rule):  # type: ignore[no-untyped-def]  # numba types it
+@njit(FOUND(SEGMENTS, CONTOURS, types.int64), cache=True, nogil=True)
+def joined_pieces(segments, contours, rule):  # type: ignore[no-untyped-def]  # numba types it
     """(n, 6): of each component of the raster that is several pieces, how many; their area in px² and x0, y0, x1, y1
     of their box, both without the largest. Holes count as solid.
 
     segments  (n, 4) x, y of start and end in px, solid on the left (of x right, y up; rows run down)
-    rows      packed: what `fill` made of them, with what is thinner than a pixel
+    contours  `layerfix.mesh.pieces.fill_pieces`
     """
-    of, begins, measures = contours_of(segments)
-    component = _components(segments, of, measures, rows)
+    of, begins, measures, turns, edges = contours
+    if of.shape[0] == 0:
+        return np.empty((0, 6))
+    component = _components(segments, of, turns, edges)
     count, areas = begins.shape[0], measures[:, 4]
     outer, wanted = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     several = np.zeros(component.max() + 2, np.int64)
@@ -204,14 +235,14 @@ def joined_pieces(segments, rows, rule):  # type: ignore[no-untyped-def]  # numb
     first = math.floor(measures[:, 1].min() - TOUCH)
     starts, numbers = _by_rows(segments, first, math.floor(measures[:, 3].max() + TOUCH) + 1)
     parent, size = np.arange(count), np.zeros(count, np.int64)
-    _unite_touching(segments, of, measures, wanted, starts, numbers, parent)
+    too_many = np.maximum(several[:-1] - 1, 0).sum()
+    if _unite_touching(segments, of, measures, wanted, starts, numbers, parent, too_many) == 0:
+        return np.empty((0, 6))
     for c in range(count):
         size[root_of(parent, c)] += 1
     for c in range(count):
         if size[root_of(parent, c)] > 1 and not outer[c] and begins[c] != NONE:
-            row = math.floor(segments[begins[c], 1]) - first
-            here = numbers[starts[row] : starts[row + 1]]
-            _unite_hole(c, segments[begins[c]], segments, of, outer, areas, here, parent)
+            _unite_hole(c, begins[c], segments, of, outer, areas, starts, numbers, first, parent)
     roots, left = np.empty(count, np.int64), np.full(count, NONE, np.int64)
     for c in range(count):
         roots[c] = root_of(parent, c)

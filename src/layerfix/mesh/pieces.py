@@ -15,12 +15,14 @@ from layerfix.bits import WORK
 from layerfix.kernels import njit
 from layerfix.layers.components import edges_of_rows, joined_runs
 from layerfix.layers.neighbours import bit_at
-from layerfix.mesh.fill import EVEN_ODD, LEAST_AREA, MAYBE, NOT, SEGMENTS, SURELY, UNKNOWN, fill_and_look
+from layerfix.mesh.fill import EVEN_ODD, LEAST_AREA, MAYBE, NOT, SEGMENTS, SURELY, fill_and_look
 
 COMPACT = 0.45  # share of its box that a piece fills: a triangle half
 CRUMB_PX = 2.0
 LARGEST_PX = 64  # of a small piece, along x and along y
 PLACES = types.Array(types.int64, 2, "C")
+NUMBERS = types.Array(types.int64, 1, "C")
+CONTOURS = types.Tuple((NUMBERS, NUMBERS, types.Array(types.float64, 2, "C"), NUMBERS, NUMBERS))
 NONE = -1
 NEAR_PX, MANY = 4.0, 64  # pieces are joined within; contours whose boxes are compared
 
@@ -158,45 +160,36 @@ def _look(starts, measures, rule):  # type: ignore[no-untyped-def]  # numba type
 
 
 @njit
-def _more_than(components, starts, measures, rule):  # type: ignore[no-untyped-def]  # numba types it
+def _more_contours(starts, measures, turns, edges, rule):  # type: ignore[no-untyped-def]  # numba types it
+    """By how many there are more outer contours than components; each piece is in one."""
     outer = 0
     for c in range(starts.shape[0]):
         outer += is_outer(starts[c], measures[c, 4], rule)
-    return max(outer - components, 0)
-
-
-@njit
-def _more_contours(starts, measures, rule, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """By how many there are more outer contours than components."""
-    turns, edges = edges_of_rows(within(rows, measures)[0])
-    return _more_than(joined_runs(turns, edges, 64 * rows.shape[1], False)[2], starts, measures, rule)
-
-
-@njit
-def within(rows, measures):  # type: ignore[no-untyped-def]  # numba types it
-    """(the rows and words that contours reach into, or a pixel further; the first row; the first column)."""
-    height, words = rows.shape
-    y0 = min(max(math.floor(measures[:, 1].min()) - 1, 0), height)
-    y1 = min(max(math.ceil(measures[:, 3].max()) + 2, y0), height)
-    w0 = min(max(math.floor(measures[:, 0].min()) - 1, 0) >> 6, words)
-    w1 = min(max((math.ceil(measures[:, 2].max()) + 1) >> 6, w0 - 1) + 1, words)
-    return rows[y0:y1, w0:w1], y0, 64 * w0
+    stride = edges.max() + 1 if edges.shape[0] else 1
+    return max(outer - joined_runs(turns, edges, stride, False)[2], 0)
 
 
 @njit(
-    types.Tuple((types.int64, PLACES, types.int64))(SEGMENTS, types.int64, types.int64, WORK), cache=True, nogil=True
+    types.Tuple((types.int64, PLACES, types.int64, CONTOURS))(SEGMENTS, types.int64, types.int64, WORK),
+    cache=True,
+    nogil=True,
 )
 def fill_pieces(segments, width, rule, rows):  # type: ignore[no-untyped-def]  # numba types it
     """`fill` with what is thinner than a pixel: (pixels that stand for it; `small_pieces`; how many pieces may have
-    been joined, at most; `layerfix.mesh.joined` tells exactly)."""
-    _, starts, measures = contours_of(segments)
-    added, components = fill_and_look(segments, width, rule, True, _look(starts, measures, rule), rows)
+    been joined, at most; if any, what `layerfix.mesh.joined` needs to tell exactly)."""
+    of, starts, measures = contours_of(segments)
+    look = _look(starts, measures, rule)
+    added, close, turns, edges = fill_and_look(segments, width, rule, True, look, rows)
     small = _small(segments, starts, measures, rows)
-    return added, small, 0 if components == UNKNOWN else _more_than(components, starts, measures, rule)
+    more = _more_contours(starts, measures, turns, edges, rule) if close else 0
+    if more == 0:
+        of, starts, measures, turns, edges = of[:0], starts[:0], measures[:0], turns[:0], edges[:0]
+    return added, small, more, (of, starts, measures, turns, edges)
 
 
-@njit(types.int64(SEGMENTS, WORK, types.int64), cache=True, nogil=True)
-def may_be_joined(segments, rows, rule):  # type: ignore[no-untyped-def]  # numba types it
-    """How many pieces may have been joined, at most, in rows that were filled from these segments."""
-    _, starts, measures = contours_of(segments)
-    return _more_contours(starts, measures, rule, rows)
+@njit(CONTOURS(SEGMENTS, WORK), cache=True, nogil=True)
+def contours_and_edges(segments, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """The same of rows that were filled from several cuts."""
+    of, starts, measures = contours_of(segments)
+    turns, edges = edges_of_rows(rows)
+    return of, starts, measures, turns, edges

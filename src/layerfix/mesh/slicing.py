@@ -18,7 +18,7 @@ from layerfix.mesh.cutter import Cutter, Grid, cutter_of, fill_cut, frame_of, la
 from layerfix.mesh.fill import EVEN_ODD, NONZERO, POSITIVE
 from layerfix.mesh.fill import fill as fill_pixels
 from layerfix.mesh.joined import joined_pieces
-from layerfix.mesh.pieces import fill_pieces, may_be_joined
+from layerfix.mesh.pieces import contours_and_edges, fill_pieces
 from layerfix.mesh.sheets import Sheets
 from layerfix.mesh.triangles import Mesh
 from layerfix.stack import Gaps, Layer, LayerStack, pitch_mm
@@ -180,13 +180,13 @@ class _Sliced:
         """
         if found.rows is None or any(piece.clips or not piece.hairlines for piece in self.pieces):
             return ()
-        if len(self.pieces) == 1 and not found.may_join:
-            return ()
-        cuts = [_segments_of(piece.cutter, self.grid, index)[0] for piece in self.pieces]
-        segments = np.concatenate(cuts)
-        rule = self.pieces[0].rule if len(self.pieces) == 1 else NONZERO
-        if len(self.pieces) > 1 and (not len(segments) or not may_be_joined(segments, found.rows, rule)):
-            return ()
+        if len(self.pieces) == 1:
+            if found.contours is None:
+                return ()
+            segments, contours, rule = *found.contours, self.pieces[0].rule
+        else:
+            segments = np.concatenate([_segments_of(piece.cutter, self.grid, index)[0] for piece in self.pieces])
+            contours, rule = contours_and_edges(segments, found.rows), NONZERO
         (x, y), (px, py), z = self.grid.origin, self.grid.pitch, self.grid.z_mm[index].tolist()
         return tuple(
             TopologyChange(
@@ -196,7 +196,7 @@ class _Sliced:
                 area * px * py,
                 (z[0], z[1]),
             )
-            for count, area, x0, y0, x1, y1 in joined_pieces(segments, found.rows, rule).tolist()
+            for count, area, x0, y0, x1, y1 in joined_pieces(segments, contours, rule).tolist()
         )
 
     def _greys(self, index: int, rows: NDArray[np.uint64], found: _Found) -> GreySource:
@@ -292,7 +292,7 @@ class _Found:
     sheet_px: int = 0
     sheets_lost: int = 0
     middles: list[NDArray[np.int64]] = field(default_factory=list)
-    may_join: int = 0  # pieces, at most
+    contours: tuple[NDArray[np.float64], tuple[NDArray[Any], ...]] | None = None  # of pieces that may be joined
 
     @property
     def small(self) -> NDArray[np.int64] | None:
@@ -334,7 +334,7 @@ def _filled(
     rows = np.zeros(grid.shape, np.uint64)
     if cutter.closed:
         chosen, plane = cutter.facets(index), cutter.planes[index]
-        count, hairline_px, middles, may_join = fill_cut(
+        count, hairline_px, middles, may_join, segments, contours = fill_cut(
             cutter.points, cutter.faces, chosen, plane, grid.width, rule, hairlines, rows
         )
         if not count:
@@ -346,11 +346,12 @@ def _filled(
         if len(lengths_mm):
             found.gaps.append(Gaps(len(lengths_mm), float(lengths_mm.max())))
         if hairlines:
-            hairline_px, middles, may_join = fill_pieces(segments, grid.width, rule, rows)
+            hairline_px, middles, may_join, contours = fill_pieces(segments, grid.width, rule, rows)
         else:
             hairline_px, middles, may_join = fill_pixels(segments, grid.width, rule, False, rows), (), 0
     found.hairline_px += hairline_px
-    found.may_join += may_join
+    if may_join:
+        found.contours = segments, contours
     if len(middles):
         found.middles.append(middles)
     return rows

@@ -83,7 +83,7 @@ def _count_layers(points, faces, planes, width, height, rule, tool, plan, add_on
             for w in range(rows.shape[1]):
                 rows[y, w] = U0
         chosen = crossed[starts[k] : starts[k + 1]]
-        _, _, small, _ = fill_cut(points, faces, chosen, planes[k], width, rule, True, rows)
+        small = fill_cut(points, faces, chosen, planes[k], width, rule, True, rows)[2]
         outer = box_with_reach(rows, reach_x, reach_y)
         if outer[1] == 0:
             continue
