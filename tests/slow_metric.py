@@ -240,8 +240,6 @@ def ends_set_right(
 
     ends = [(y, x) for y, x in np.argwhere(image & ~anchor).tolist() if len(beside(y, x)) == 1]
     for y, x in ends:
-        if not image[y, x] or len(beside(y, x)) != 1:
-            continue
         path = [(y, x)]
         while len(path) <= min(max(most, 3), LONGEST_PX) and not anchor[path[-1]]:
             ways = [p for p in beside(*path[-1]) if p not in path[-2:-1]]
@@ -271,7 +269,7 @@ def ends_set_right(
         elif -LIMIT_PX <= gap < -LEAST_PX:
             for before, (v, u) in itertools.pairwise(path[:-1]):
                 nearer = abs(gap - along(v, u)) < abs(gap - done)
-                if not nearer or anchor[v, u] or len(beside(v, u)) != 2:
+                if not nearer:
                     break
                 image[before], done = False, along(v, u)
     return image

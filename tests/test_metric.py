@@ -109,6 +109,20 @@ def test_noisy_edges_stay_edges(size):
     assert isotropy.edges(isotropy.rules(size)["metric"], size, OFF_GRID[::3]) <= 0.01
 
 
+def test_thousands_of_ends():
+    """A comb of 1,500 teeth is many combs of three."""
+    comb = np.zeros((40, 9 * 1500), bool)
+    comb[4:12] = True
+    for tooth in range(1500):
+        comb[:33, 9 * tooth + 4 : 9 * tooth + 6] = True
+    comb[33:] = False
+    comb[:4] = False
+    found = meso_skeleton(comb, min_feature_px=6)
+    middle = meso_skeleton(comb[:, : 9 * 9], min_feature_px=6)[:, 27:54]
+    for first in range(27, 9 * 1500 - 54, 27):
+        assert np.array_equal(found[:, first : first + 27], middle)
+
+
 @pytest.mark.parametrize("degrees", [0, 11, 25, 45, 62, 90])
 def test_a_thin_strip_has_one_path(degrees):
     """As by the paper's rule: one component, a pixel wide."""

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from layerfix import slice_mesh
 from layerfix.errors import InputError
+from layerfix.mesh import sheets
 from layerfix.mesh.triangles import Mesh, Part
 from tests.making import box, cone, inside_out, joined, run_layerfix, save_stl, sphere, turned
 
@@ -224,8 +225,20 @@ def test_a_tilted_sheet_is_whole_in_overlap_too(degrees):
     assert volumes[0] > 8 * 8 * 0.05
 
 
-def test_parts_share_what_they_work_on():
-    """Memory does not grow with the parts of a mesh: two images of a layer for each thread, not for each part."""
+@pytest.mark.parametrize("how", ["rescue", "overlap"])
+def test_slabs_make_no_difference(monkeypatch, how):
+    """However many layers are looked through at once."""
+    mesh = joined(turned(box([-3, -3, 0], [3, 3, 0.06]), "x", 8), box([-3, 3.2, 0.02], [3, 5, 1.93]), cone(1.5, 1.7))
+    found = []
+    for slab in (1, 2, 5, 16):
+        monkeypatch.setattr(sheets, "SLAB", slab)
+        stack = slice_mesh(mesh, pixel_mm=0.1, layer_mm=0.05, z_sampling=how)
+        found.append([layer.rows.tobytes() for layer in stack])
+    assert all(other == found[0] for other in found)
+
+
+def test_parts_add_no_images():
+    """Memory does not grow by images of a layer with the parts of a mesh."""
 
     def peak_bytes(count: int) -> int:
         sheets = [box((0, 3 * k, 0.62), (2, 3 * k + 2, 0.68)) for k in range(count)]

@@ -63,8 +63,8 @@ class Layer:
     sheet_px  pixels of what is thinner than a layer and was met by no mid-plane
     sheets_lost  parts of such, too thin to be kept
     small    (n, 2) row and column of the middles of pieces that are small and separate, though pixels may join them
-    joined   pieces of a mesh that are one part here: they are within two pixels of one another; each a
-             `layerfix.layers.topology.TopologyChange`
+    joined   pieces of a mesh's section at mid-height that pixels make one part: they are within two pixels of one
+             another; each a `layerfix.layers.topology.TopologyChange`. Of what is sliced with hairlines, not clipped
     specks   packed rows of the parts with nothing below and above, where they are to be left as they are
     raised_px  pixels that were added for what is of too few layers
     dimmed_px  pixels of dimmed interiors, which count as solid and are left as they are

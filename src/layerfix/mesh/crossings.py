@@ -17,7 +17,6 @@ from layerfix.mesh.fill import below
 
 BLOCK = 8  # px
 Z_BITS = 30
-MOST_INTERVALS = 64
 KEYS = types.Array(types.int64, 1, "C")
 MASKS = types.Array(types.uint64, 1, "C")
 SCALES = types.Array(types.float64, 2, "C")
@@ -29,6 +28,14 @@ def longer(keys):  # type: ignore[no-untyped-def]  # numba types it
     longer = np.empty(2 * keys.shape[0], np.int64)
     for i in range(keys.shape[0]):
         longer[i] = keys[i]
+    return longer
+
+
+@njit
+def _longer(numbers):  # type: ignore[no-untyped-def]  # numba types it
+    """The same of bytes."""
+    longer = np.empty(2 * numbers.shape[0], np.uint8)
+    longer[: numbers.shape[0]] = numbers
     return longer
 
 
@@ -91,10 +98,11 @@ def _mark_blocks(mine, runs, slopes, edges, windows, anyway, alike, blocks, mark
             for e in range(min(p, q), max(p, q) + 1):
                 mine_here |= windows[e]
                 enough |= anyway[e]
-            if blocks[0, u] | blocks[1, u] == U0:
-                touched[n] = u
-                n += 1
-            _add(blocks, u, side, mine_here, enough, alike)
+            if mine_here != U0:
+                if blocks[0, u] | blocks[1, u] == U0:
+                    touched[n] = u
+                    n += 1
+                _add(blocks, u, side, mine_here, enough, alike)
             q = _interval(edges, run_z(slopes, r, (u + 1) * BLOCK), p) if u + 1 < end else p
     return _still_marked(touched[:n], blocks, 1, alike, marked)
 
@@ -135,9 +143,8 @@ def _note_pixels(mine, runs, slopes, edges, windows, anyway, alike, marked, line
 
 
 @njit
-def _place(z, scale):  # type: ignore[no-untyped-def]  # numba types it
-    place = np.int64((z - scale[0]) * (((1 << Z_BITS) - 2) / (scale[1] - scale[0]))) + 1
-    return min(max(place, np.int64(1)), np.int64((1 << Z_BITS) - 1))
+def _place(z, low, factor):  # type: ignore[no-untyped-def]  # numba types it
+    return min(max(np.int64((z - low) * factor) + 1, np.int64(1)), np.int64((1 << Z_BITS) - 1))
 
 
 @njit
@@ -164,7 +171,7 @@ def crossings(runs, slopes, edges, within, always, scales, alike, width, height)
     Only of pixels with a facet that faces up and one that faces down in the window; alike: with two of any kind, or
     with one in the intervals that `always` has of the window.
 
-    edges   of intervals edges[q] < z ≤ edges[q + 1], at most MOST_INTERVALS, with all that the runs hold
+    edges   of intervals edges[q] < z ≤ edges[q + 1], at most 64, with all that the runs hold
     within  masks of the intervals of each window, of at most 64
     scales  (n, 2) of each window: its least and greatest height
     """
@@ -174,8 +181,8 @@ def crossings(runs, slopes, edges, within, always, scales, alike, width, height)
     blocks, marked = np.zeros((2, blocks_of_row), np.uint64), np.zeros(blocks_of_row, np.bool_)
     lines, touched = np.zeros((2, blocks_of_row * BLOCK), np.uint64), np.empty(blocks_of_row, np.int64)
     starts, order = _in_rows(runs, height)
-    keys, of_window, n = np.empty(256, np.int64), np.empty(256, np.int64), 0
-    counts = np.zeros(within.shape[0] + 1, np.int64)
+    keys, of_window, n = np.empty(256, np.int64), np.empty(256, np.uint8), 0
+    counts, factors = np.zeros(within.shape[0] + 1, np.int64), ((1 << Z_BITS) - 2) / (scales[:, 1] - scales[:, 0])
     for j in range(height):
         mine = order[starts[j] : starts[j + 1]]
         if mine.shape[0] == 0:
@@ -201,8 +208,8 @@ def crossings(runs, slopes, edges, within, always, scales, alike, width, height)
                         k = lowest_bit(found)
                         found &= found - U1
                         if n == keys.shape[0]:
-                            keys, of_window = longer(keys), longer(of_window)
-                        place = _place(z, scales[k])
+                            keys, of_window = longer(keys), _longer(of_window)
+                        place = _place(z, scales[k, 0], factors[k])
                         keys[n] = ((j * width + i) << (Z_BITS + 1)) | (place << 1) | np.int64(runs[r, 3])
                         of_window[n] = k
                         counts[k + 1] += 1
@@ -212,6 +219,8 @@ def crossings(runs, slopes, edges, within, always, scales, alike, width, height)
             lines[0, u * BLOCK : (u + 1) * BLOCK] = U0
     for k in range(within.shape[0]):
         counts[k + 1] += counts[k]
+    if within.shape[0] == 1:
+        return counts, keys[:n]
     out, where = np.empty(n, np.int64), counts.copy()
     for i in range(n):
         out[where[of_window[i]]] = keys[i]

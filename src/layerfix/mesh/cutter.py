@@ -130,21 +130,21 @@ def cut(points, faces, chosen, plane):  # type: ignore[no-untyped-def]  # numba 
 
 
 @njit(
-    types.Tuple((types.int64, types.int64, PLACES, types.int64, SEGMENTS, CONTOURS))(
+    types.Tuple((types.int64, types.int64, PLACES, types.boolean, SEGMENTS, CONTOURS))(
         POINTS, TRIANGLES, INDICES, types.float64, types.int64, types.int64, types.boolean, WORK
     ),
     cache=True,
     nogil=True,
 )
 def fill_cut(points, faces, chosen, plane, width, rule, hairlines, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """`cut` and `fill` of a closed surface: (segments, pixels of hairlines, middles of small pieces, pieces that may
-    have been joined, and if any, the segments and their contours); the latter only if `hairlines`."""
+    """`cut` and `fill` of a closed surface: (segments, pixels of hairlines, middles of small pieces, whether pieces
+    may have been joined, and if so, the segments and their contours); the latter only if `hairlines`."""
     segments = cut(points, faces, chosen, plane)
     if segments.shape[0] == 0 or not hairlines:
         added = fill(segments, width, rule, False, rows) if segments.shape[0] else 0
         none = np.empty(0, np.int64)
         contours = none, none, np.empty((0, 7)), none, none
-        return segments.shape[0], added, np.empty((0, 2), np.int64), 0, segments[:0], contours
+        return segments.shape[0], added, np.empty((0, 2), np.int64), False, segments[:0], contours
     added, small, joined, contours = fill_pieces(segments, width, rule, rows)
     return segments.shape[0], added, small, joined, segments if joined else segments[:0], contours
 

@@ -20,6 +20,7 @@ TILE = 8  # px
 SLAB = 16  # intervals, or layers, whose facets are looked through at once, at most
 ROOM = 8192  # runs, at first
 SLAB_FACETS = 65536  # or fewer, so that these are not many more: their runs take 48 bytes each
+SLAB_PX = 1 << 21  # or fewer, so that their facets cover no more on average: what is found takes 8 bytes a pixel
 POINTS = types.Array(types.float64, 2, "C", readonly=True)
 TRIANGLES = types.Array(types.int32, 2, "C", readonly=True)
 INDICES = types.Array(types.int32, 1, "C")
@@ -36,6 +37,15 @@ def area_of(points, a, b, c):  # type: ignore[no-untyped-def]  # numba types it
     return (points[b, 0] - points[a, 0]) * (points[c, 1] - points[a, 1]) - (points[c, 0] - points[a, 0]) * (
         points[b, 1] - points[a, 1]
     )
+
+
+@njit(types.float64(POINTS, TRIANGLES), cache=True, nogil=True)
+def seen_area(points, faces):  # type: ignore[no-untyped-def]  # numba types it
+    """px² that facets cover, all together, seen from above."""
+    area = 0.0
+    for t in range(faces.shape[0]):
+        area += abs(area_of(points, faces[t, 0], faces[t, 1], faces[t, 2])) / 2
+    return area
 
 
 @njit

@@ -313,26 +313,18 @@ def _mark_cells(segments, inner, met, spans, rule, stride, height, width, marks,
 
 
 @njit
-def _with_run(edges, n, of_row, first, stop):  # type: ignore[no-untyped-def]  # numba types it
-    """Append a run to a row's, which begin at of_row, or make the latest longer. Returns how many edges there are."""
-    if n > of_row and edges[n - 1] >= first:
-        edges[n - 1] = max(edges[n - 1], stop)
-        return n
-    edges[n], edges[n + 1] = first, stop
-    return n + 2
-
-
-@njit
 def fill_and_look(segments, width, rule, thin, look, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """(pixels as `fill` says; whether something that is apart may be one in `rows`; if so, `edges_of_rows` of them).
+    """(pixels as `fill` says; whether something that is apart may be one in `rows`; `row_crossings`; pixels that were
+    marked, some of which were taken back).
 
-    With look = MAYBE that is so only if void may pass between pixels that touch, or solid has no pixel of its own.
+    With look = MAYBE something may be one only if void may pass between pixels that touch, or solid has no pixel of
+    its own.
     """
     height, stride = rows.shape[0], np.int64(width + 1)
     starts, crossings = row_crossings(segments, width, height)
     spans, close = _fill_rows(starts, crossings, rule, look, rows)
     if not thin:
-        return 0, False, np.empty(0, np.int64), np.empty(0, np.int64)
+        return 0, False, starts, crossings, np.empty((0, 2), np.int64)
     keys, inner, also_close = _column_keys(segments, width, look, rows)
     marks = np.empty((spans.shape[0] + keys.shape[0] + inner.shape[0], 2), np.int64)
     m = _mark_rows(spans, width, marks)
@@ -340,50 +332,8 @@ def fill_and_look(segments, width, rule, thin, look, rows):  # type: ignore[no-u
     m, edges = _mark_columns(keys, stride, height, rule, marks, m, met)
     m = _mark_cells(segments, inner, met[:edges], spans, rule, stride, height, width, marks, m)
     added = _draw_marks(marks[:m], rows)
-    if look == NOT or not (look == SURELY or close or also_close or m):
-        return added, False, np.empty(0, np.int64), np.empty(0, np.int64)
-    turns, edges = _edges_of_fill(starts, crossings, rule, marks[:m], rows)
-    return added, True, turns, edges
-
-
-@njit
-def _edges_of_fill(starts, crossings, rule, marks, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """`layerfix.layers.components.edges_of_rows` of what was filled, without a look at all of its words."""
-    height, stride = rows.shape[0], 64 * np.int64(rows.shape[1])
-    keys, kept = np.empty(marks.shape[0], np.int64), 0
-    for k in range(marks.shape[0]):
-        if bit_at(rows, marks[k, 0], marks[k, 1]):  # not taken back
-            keys[kept] = marks[k, 0] * stride + marks[k, 1]
-            kept += 1
-    keys = keys[:kept]
-    sort(keys)
-    turns, edges, n, k = (
-        np.zeros(height + 1, np.int64),
-        np.empty(crossings.shape[0] + 2 * keys.shape[0], np.int64),
-        0,
-        0,
-    )
-    for j in range(height):
-        winding, was_inside, first = 0, False, np.int64(0)
-        for i in range(starts[j], starts[j + 1]):
-            winding += 1 if crossings[i] & 1 else -1
-            inside = winding_is_inside(winding, i + 1 - starts[j], rule)
-            if inside == was_inside:
-                continue
-            was_inside, column = inside, ((crossings[i] >> 1) + ONE - 1) >> BITS
-            if inside:
-                first = column
-                continue
-            while k < keys.shape[0] and keys[k] < j * stride + first:
-                n = _with_run(edges, n, turns[j], keys[k] - j * stride, keys[k] - j * stride + 1)
-                k += 1
-            if column > first:
-                n = _with_run(edges, n, turns[j], first, column)
-        while k < keys.shape[0] and keys[k] < (j + 1) * stride:
-            n = _with_run(edges, n, turns[j], keys[k] - j * stride, keys[k] - j * stride + 1)
-            k += 1
-        turns[j + 1] = n
-    return turns, edges[:n]
+    close = look == SURELY or (look == MAYBE and (close or also_close or m > 0))
+    return added, close, starts, crossings, marks[:m]
 
 
 @njit

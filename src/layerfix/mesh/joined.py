@@ -15,7 +15,7 @@ from numba import types
 from layerfix.kernels import njit
 from layerfix.layers.components import joined_runs, root_of
 from layerfix.mesh.fill import SEGMENTS, winding_is_inside
-from layerfix.mesh.pieces import CONTOURS, NONE, is_outer
+from layerfix.mesh.pieces import CONTOURS, NONE, outer_contours
 
 TOUCH = 1e-6  # px: what is nearer is the same place
 FOUND = types.Array(types.float64, 2, "C")
@@ -95,12 +95,6 @@ def _touch(one, other):  # type: ignore[no-untyped-def]  # numba types it
 
 
 @njit
-def _unite(parent, one, other):  # type: ignore[no-untyped-def]  # numba types it
-    a, b = root_of(parent, one), root_of(parent, other)
-    parent[max(a, b)] = min(a, b)
-
-
-@njit
 def _boxes_meet(one, other):  # type: ignore[no-untyped-def]  # numba types it
     """Whether two boxes (x0, y0, x1, y1, …) are no further apart than TOUCH."""
     return max(one[0] - other[2], other[0] - one[2], one[1] - other[3], other[1] - one[3]) <= TOUCH
@@ -120,12 +114,12 @@ def _near(measures, wanted):  # type: ignore[no-untyped-def]  # numba types it
 
 
 @njit
-def _unite_touching(segments, of, measures, wanted, starts, numbers, parent, too_many):  # type: ignore[no-untyped-def]  # numba types it
+def _unite_touching(segments, of, measures, wanted, component, starts, numbers, parent, too_many):  # type: ignore[no-untyped-def]  # numba types it
     """Unite contours that touch a wanted one with it, row by row, until as many wanted ones are united as there are
     too many. Returns how many then still are.
     """
     near = _near(measures, wanted)
-    holds = wanted.copy()  # whether a group holds a wanted one
+    holds = np.where(wanted, component, NONE)  # the component of a group's wanted contours
     here, left, right = np.empty(64, np.int64), np.empty(64), np.empty(64)
     for y in range(starts.shape[0] - 1):
         n = 0
@@ -149,8 +143,8 @@ def _unite_touching(segments, of, measures, wanted, starts, numbers, parent, too
                     a, b = root_of(parent, one), root_of(parent, other)
                     if a != b and _touch(segments[here[i]], segments[here[j]]):
                         parent[max(a, b)] = min(a, b)
-                        too_many -= holds[a] and holds[b]
-                        holds[min(a, b)] = holds[a] or holds[b]
+                        too_many -= holds[a] == holds[b] and holds[a] != NONE
+                        holds[min(a, b)] = max(holds[a], holds[b])
                         if too_many == 0:
                             return 0
                 j += 1
@@ -164,40 +158,6 @@ def _passes_left(segment, x, y):  # type: ignore[no-untyped-def]  # numba types 
     if (ay <= y) == (by <= y) or ax + (y - ay) * (bx - ax) / (by - ay) >= x:
         return 0
     return 1 if by > ay else -1
-
-
-@njit
-def _contours_touch(segments, of, one, other, starts, numbers, first):  # type: ignore[no-untyped-def]  # numba types it
-    for s in range(segments.shape[0]):
-        if of[s] != one:
-            continue
-        low, high = min(segments[s, 1], segments[s, 3]), max(segments[s, 1], segments[s, 3])
-        for y in range(math.floor(low - TOUCH) - first, math.floor(high + TOUCH) - first + 1):
-            for t in numbers[starts[y] : starts[y + 1]]:
-                if of[t] == other and _touch(segments[s], segments[t]):
-                    return True
-    return False
-
-
-@njit
-def _unite_hole(hole, begin, segments, of, outer, areas, starts, numbers, first, parent):  # type: ignore[no-untyped-def]  # numba types it
-    """Unite a hole with what it is a hole of: the smallest outer contour round its first point, but for those that
-    touch it."""
-    turns, point = np.zeros(outer.shape[0], np.int64), segments[begin]
-    row = math.floor(point[1]) - first
-    for s in numbers[starts[row] : starts[row + 1]]:
-        turns[of[s]] += _passes_left(segments[s], point[0], point[1])
-    while True:
-        best = NONE
-        for c in range(outer.shape[0]):
-            if outer[c] and turns[c] != 0 and (best == NONE or abs(areas[c]) < abs(areas[best])):
-                best = c
-        if best == NONE:
-            return
-        if not _contours_touch(segments, of, hole, best, starts, numbers, first):
-            _unite(parent, hole, best)
-            return
-        turns[best] = 0
 
 
 @njit
@@ -225,28 +185,21 @@ def joined_pieces(segments, contours, rule):  # type: ignore[no-untyped-def]  # 
         return np.empty((0, 6))
     component = _components(segments, of, turns, edges)
     count, areas = begins.shape[0], measures[:, 4]
-    outer, wanted = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
+    outer = outer_contours(begins, measures, rule) & (component != NONE)
     several = np.zeros(component.max() + 2, np.int64)
     for c in range(count):
-        outer[c] = component[c] != NONE and is_outer(begins[c], areas[c], rule)
         several[component[c]] += outer[c]
-    for c in range(count):
-        wanted[c] = outer[c] and several[component[c]] > 1
+    wanted = outer & (several[component] > 1)
     first = math.floor(measures[:, 1].min() - TOUCH)
     starts, numbers = _by_rows(segments, first, math.floor(measures[:, 3].max() + TOUCH) + 1)
-    parent, size = np.arange(count), np.zeros(count, np.int64)
-    too_many = np.maximum(several[:-1] - 1, 0).sum()
-    if _unite_touching(segments, of, measures, wanted, starts, numbers, parent, too_many) == 0:
+    parent, too_many = np.arange(count), np.maximum(several[:-1] - 1, 0).sum()
+    if _unite_touching(segments, of, measures, wanted, component, starts, numbers, parent, too_many) == 0:
         return np.empty((0, 6))
-    for c in range(count):
-        size[root_of(parent, c)] += 1
-    for c in range(count):
-        if size[root_of(parent, c)] > 1 and not outer[c] and begins[c] != NONE:
-            _unite_hole(c, begins[c], segments, of, outer, areas, starts, numbers, first, parent)
     roots, left = np.empty(count, np.int64), np.full(count, NONE, np.int64)
     for c in range(count):
         roots[c] = root_of(parent, c)
-    for s in range(segments.shape[0]):  # the point of each group that is furthest left is on its outside
+    # The point of each group that is furthest left is on its outside or, of a hole's, in the solid round that.
+    for s in range(segments.shape[0]):
         best = left[roots[of[s]]]
         if best == NONE or segments[s, 0] < segments[best, 0]:
             left[roots[of[s]]] = s

@@ -1,7 +1,8 @@
-"""Small pieces of a cross-section: compact closed contours no larger than a tool, and the middle pixel of each.
+"""Pieces of a cross-section, told apart by their contours where pixels join them.
 
 Two pieces less than a pixel apart hang together in the raster, and a small one may then pass for a bump of its
-neighbour, which the method need not keep. Contours tell them apart.
+neighbour, which the method need not keep: the middle pixel of each small one, a compact closed contour no larger than
+a tool, is noted. Where pieces may be joined, contours and runs of pixels are kept for `layerfix.mesh.joined`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,20 @@ from layerfix.bits import WORK
 from layerfix.kernels import njit
 from layerfix.layers.components import edges_of_rows, joined_runs
 from layerfix.layers.neighbours import bit_at
-from layerfix.mesh.fill import EVEN_ODD, LEAST_AREA, MAYBE, NOT, SEGMENTS, SURELY, fill_and_look
+from layerfix.mesh.fill import (
+    BITS,
+    LEAST_AREA,
+    MAYBE,
+    NONZERO,
+    NOT,
+    ONE,
+    POSITIVE,
+    SEGMENTS,
+    SURELY,
+    fill_and_look,
+    sort,
+    winding_is_inside,
+)
 
 COMPACT = 0.45  # share of its box that a piece fills: a triangle half
 CRUMB_PX = 2.0
@@ -131,18 +145,30 @@ def small_pieces(segments, rows):  # type: ignore[no-untyped-def]  # numba types
 
 
 @njit
-def is_outer(start, double_area, rule):  # type: ignore[no-untyped-def]  # numba types it
-    """Whether a contour may go round a piece: it closes, and has the solid inside. By the even-odd rule any may."""
-    return start != NONE and (abs(double_area) if rule == EVEN_ODD else -double_area) > 2 * LEAST_AREA
+def outer_contours(starts, measures, rule):  # type: ignore[no-untyped-def]  # numba types it
+    """Which contours may go round a piece: they close, and have the solid inside. By the even-odd rule all may; by
+    the nonzero rule those that turn the other way may, too, if they are in no other one's box."""
+    outer = np.zeros(starts.shape[0], np.bool_)
+    for c in range(starts.shape[0]):
+        if starts[c] == NONE or abs(measures[c, 4]) <= 2 * LEAST_AREA:
+            continue
+        outer[c] = measures[c, 4] < 0 or rule != POSITIVE
+        other = 0
+        while measures[c, 4] > 0 and rule == NONZERO and outer[c] and other < starts.shape[0]:
+            x0, y0, x1, y1, double_area = measures[other, :5]
+            inside = x0 <= measures[c, 0] and y0 <= measures[c, 1] and x1 >= measures[c, 2] and y1 >= measures[c, 3]
+            outer[c] = not (inside and double_area < 0)
+            other += 1
+    return outer
 
 
 @njit
-def _look(starts, measures, rule):  # type: ignore[no-untyped-def]  # numba types it
+def _look(outer, measures):  # type: ignore[no-untyped-def]  # numba types it
     """MAYBE if the boxes of two outer contours are within NEAR_PX, or there are too many to compare; SURELY if, then,
     one may be inside a cell of four pixel centres; else NOT."""
     boxes, n, look, crumb = np.empty((MANY, 4)), 0, NOT, False
-    for c in range(starts.shape[0]):
-        if not is_outer(starts[c], measures[c, 4], rule):
+    for c in range(outer.shape[0]):
+        if not outer[c]:
             continue
         x0, y0, x1, y1 = measures[c, :4]
         crumb |= max(x1 - x0, y1 - y0) <= 1
@@ -160,36 +186,88 @@ def _look(starts, measures, rule):  # type: ignore[no-untyped-def]  # numba type
 
 
 @njit
-def _more_contours(starts, measures, turns, edges, rule):  # type: ignore[no-untyped-def]  # numba types it
-    """By how many there are more outer contours than components; each piece is in one."""
-    outer = 0
-    for c in range(starts.shape[0]):
-        outer += is_outer(starts[c], measures[c, 4], rule)
+def _with_run(edges, n, of_row, first, stop):  # type: ignore[no-untyped-def]  # numba types it
+    """Append a run to a row's, which begin at of_row, or make the latest longer. Returns how many edges there are."""
+    if n > of_row and edges[n - 1] >= first:
+        edges[n - 1] = max(edges[n - 1], stop)
+        return n
+    edges[n], edges[n + 1] = first, stop
+    return n + 2
+
+
+@njit
+def _edges_of_fill(starts, crossings, rule, marks, rows):  # type: ignore[no-untyped-def]  # numba types it
+    """`layerfix.layers.components.edges_of_rows` of what was filled, without a look at all of its words."""
+    height, stride = rows.shape[0], 64 * np.int64(rows.shape[1])
+    keys, kept = np.empty(marks.shape[0], np.int64), 0
+    for k in range(marks.shape[0]):
+        if bit_at(rows, marks[k, 0], marks[k, 1]):  # not taken back
+            keys[kept] = marks[k, 0] * stride + marks[k, 1]
+            kept += 1
+    keys = keys[:kept]
+    sort(keys)
+    turns, edges, n, k = (
+        np.zeros(height + 1, np.int64),
+        np.empty(crossings.shape[0] + 2 * keys.shape[0], np.int64),
+        0,
+        0,
+    )
+    for j in range(height):
+        winding, was_inside, first = 0, False, np.int64(0)
+        for i in range(starts[j], starts[j + 1]):
+            winding += 1 if crossings[i] & 1 else -1
+            inside = winding_is_inside(winding, i + 1 - starts[j], rule)
+            if inside == was_inside:
+                continue
+            was_inside, column = inside, ((crossings[i] >> 1) + ONE - 1) >> BITS
+            if inside:
+                first = column
+                continue
+            while k < keys.shape[0] and keys[k] < j * stride + first:
+                n = _with_run(edges, n, turns[j], keys[k] - j * stride, keys[k] - j * stride + 1)
+                k += 1
+            if column > first:
+                n = _with_run(edges, n, turns[j], first, column)
+        while k < keys.shape[0] and keys[k] < (j + 1) * stride:
+            n = _with_run(edges, n, turns[j], keys[k] - j * stride, keys[k] - j * stride + 1)
+            k += 1
+        turns[j + 1] = n
+    return turns, edges[:n]
+
+
+@njit
+def _may_be_joined(outer, measures, turns, edges, width, height, rule):  # type: ignore[no-untyped-def]  # numba types it
+    """Whether pieces may be joined: there are more outer contours than components, or a contour may be in several."""
+    if rule == POSITIVE or measures[:, :2].min() < 0 or measures[:, 2].max() > width or measures[:, 3].max() > height:
+        return True
     stride = edges.max() + 1 if edges.shape[0] else 1
-    return max(outer - joined_runs(turns, edges, stride, False)[2], 0)
+    return outer.sum() > joined_runs(turns, edges, stride, False)[2]
 
 
 @njit(
-    types.Tuple((types.int64, PLACES, types.int64, CONTOURS))(SEGMENTS, types.int64, types.int64, WORK),
+    types.Tuple((types.int64, PLACES, types.boolean, CONTOURS))(SEGMENTS, types.int64, types.int64, WORK),
     cache=True,
     nogil=True,
 )
 def fill_pieces(segments, width, rule, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """`fill` with what is thinner than a pixel: (pixels that stand for it; `small_pieces`; how many pieces may have
-    been joined, at most; if any, what `layerfix.mesh.joined` needs to tell exactly)."""
+    """`fill` with what is thinner than a pixel: (pixels that stand for it; `small_pieces`; whether pieces may have
+    been joined; if so, what `layerfix.mesh.joined` needs to tell)."""
     of, starts, measures = contours_of(segments)
-    look = _look(starts, measures, rule)
-    added, close, turns, edges = fill_and_look(segments, width, rule, True, look, rows)
+    outer = outer_contours(starts, measures, rule)
+    added, close, row_starts, crossings, marks = fill_and_look(
+        segments, width, rule, True, _look(outer, measures), rows
+    )
     small = _small(segments, starts, measures, rows)
-    more = _more_contours(starts, measures, turns, edges, rule) if close else 0
-    if more == 0:
-        of, starts, measures, turns, edges = of[:0], starts[:0], measures[:0], turns[:0], edges[:0]
-    return added, small, more, (of, starts, measures, turns, edges)
+    if close:
+        turns, edges = _edges_of_fill(row_starts, crossings, rule, marks, rows)
+        if _may_be_joined(outer, measures, turns, edges, width, rows.shape[0], rule):
+            return added, small, True, (of, starts, measures, turns, edges)
+    return added, small, False, (of[:0], starts[:0], measures[:0], of[:0], of[:0])
 
 
 @njit(CONTOURS(SEGMENTS, WORK), cache=True, nogil=True)
 def contours_and_edges(segments, rows):  # type: ignore[no-untyped-def]  # numba types it
-    """The same of rows that were filled from several cuts."""
+    """The same of any rows."""
     of, starts, measures = contours_of(segments)
     turns, edges = edges_of_rows(rows)
     return of, starts, measures, turns, edges

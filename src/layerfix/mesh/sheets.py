@@ -26,7 +26,7 @@ from layerfix.kernels import njit
 from layerfix.layers.components import root_of
 from layerfix.layers.neighbours import bit_at
 from layerfix.mesh.crossings import KEYS, Z_BITS, crossings, longer
-from layerfix.mesh.facet_runs import SLAB, SLAB_FACETS, facet_runs, may_pair, paired, slabs_of
+from layerfix.mesh.facet_runs import SLAB, SLAB_FACETS, SLAB_PX, facet_runs, may_pair, paired, seen_area, slabs_of
 from layerfix.mesh.fill import BITS, EVEN_ODD, ONE, SEGMENTS, below, row_crossings, sort, winding_is_inside
 from layerfix.threads import Remembered
 
@@ -284,12 +284,15 @@ class Sheets:
         ends = min(z.min(), planes[0]) - 1.0, max(z.max(), planes[-1]) + 1.0
         edges = np.concatenate([ends[:1], planes, ends[1:]])
         span = SLAB
-        while span > 1 and len(self.faces) * span > SLAB_FACETS * len(planes):
+        crowd = max(len(self.faces) / SLAB_FACETS, seen_area(self.points, self.faces) / SLAB_PX)
+        while span > 1 and crowd * span > len(planes):
             span //= 2
         object.__setattr__(self, "_edges", edges)
         object.__setattr__(self, "_span", span)
         object.__setattr__(self, "_facets", slabs_of(self.points, self.faces, edges, span, *self.size_px))
-        object.__setattr__(self, "_keys", Remembered(self._missed if self.share is None else self._covering, 4))
+        object.__setattr__(
+            self, "_keys", Remembered(self._missed if self.share is None else self._covering, max(4, 12 // span))
+        )
 
     def _of_slab(self, slab: int) -> NDArray[np.int32]:
         starts, chosen = self._facets

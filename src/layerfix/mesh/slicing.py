@@ -171,22 +171,30 @@ class _Sliced:
         source = self._greys(index, rows, found) if self.antialias and rows.any() else None
         return Layer(rows if source is None else source.seen, self.grid.width, (bottom, top), None, whole, source,
                      found.hairline_px, found.sheet_px, found.sheets_lost, small=found.small,
-                     joined=self._joined(index, found))  # fmt: skip
+                     joined=self._joined(index, found, None if source is None else source.seen))  # fmt: skip
 
-    def _joined(self, index: int, found: _Found) -> tuple[TopologyChange, ...]:
-        """Pieces that are one with another in the layer, which has pixels (`layerfix.mesh.joined`).
+    def _joined(self, index: int, found: _Found, seen: NDArray[np.uint64] | None) -> tuple[TopologyChange, ...]:
+        """Pieces of the section that are one with another in the layer (`layerfix.mesh.joined`).
 
-        Bodies are looked at together. What is clipped by another surface is not looked at.
+        Bodies that unite are looked at together; what is clipped by another surface is not looked at.
+
+        seen  the layer's pixels, if it has greys; else they are those of `found`
         """
-        if found.rows is None or any(piece.clips or not piece.hairlines for piece in self.pieces):
+        if found.rows is None:
             return ()
-        if len(self.pieces) == 1:
-            if found.contours is None:
-                return ()
-            segments, contours, rule = *found.contours, self.pieces[0].rule
-        else:
-            segments = np.concatenate([_segments_of(piece.cutter, self.grid, index)[0] for piece in self.pieces])
-            contours, rule = contours_and_edges(segments, found.rows), NONZERO
+        suspects = found.suspects
+        if seen is not None or len(self.pieces) > 1:
+            rows = found.sections if seen is None else seen
+            bodies = [piece for piece in self.pieces if piece.hairlines and not piece.clips]
+            suspects = []
+            for group in (
+                [one for one in bodies if one.rule == NONZERO],
+                *([o] for o in bodies if o.rule != NONZERO),
+            ):
+                cuts = [_segments_of(piece.cutter, self.grid, index)[0] for piece in group]
+                if rows is not None and any(map(len, cuts)):
+                    segments = np.concatenate(cuts)
+                    suspects.append((segments, contours_and_edges(segments, rows), group[0].rule))
         (x, y), (px, py), z = self.grid.origin, self.grid.pitch, self.grid.z_mm[index].tolist()
         return tuple(
             TopologyChange(
@@ -196,7 +204,8 @@ class _Sliced:
                 area * px * py,
                 (z[0], z[1]),
             )
-            for count, area, x0, y0, x1, y1 in joined_pieces(segments, contours, rule).tolist()
+            for suspect in suspects
+            for count, area, x0, y0, x1, y1 in joined_pieces(*suspect).tolist()
         )
 
     def _greys(self, index: int, rows: NDArray[np.uint64], found: _Found) -> GreySource:
@@ -292,7 +301,8 @@ class _Found:
     sheet_px: int = 0
     sheets_lost: int = 0
     middles: list[NDArray[np.int64]] = field(default_factory=list)
-    contours: tuple[NDArray[np.float64], tuple[NDArray[Any], ...]] | None = None  # of pieces that may be joined
+    suspects: list[tuple[NDArray[np.float64], tuple[NDArray[Any], ...], int]] = field(default_factory=list)
+    sections: NDArray[np.uint64] | None = None  # of several bodies, without what mid-planes miss
 
     @property
     def small(self) -> NDArray[np.int64] | None:
@@ -306,6 +316,8 @@ def _united(pieces: list[_Piece], grid: Grid, index: int) -> _Found:
     clips: dict[int, NDArray[np.uint64] | None] = {}
     for piece in pieces:
         solid = _filled(piece.cutter, grid, index, piece.rule, piece.hairlines, found)
+        if len(pieces) > 1 and solid is not None and not piece.clips:
+            found.sections = solid.copy() if found.sections is None else found.sections | solid
         if piece.sheets is not None:
             if piece.sheets.share is not None:
                 solid = np.zeros(grid.shape, np.uint64) if solid is None else solid
@@ -351,7 +363,7 @@ def _filled(
             hairline_px, middles, may_join = fill_pixels(segments, grid.width, rule, False, rows), (), 0
     found.hairline_px += hairline_px
     if may_join:
-        found.contours = segments, contours
+        found.suspects.append((segments, contours, rule))
     if len(middles):
         found.middles.append(middles)
     return rows

@@ -18,8 +18,10 @@ from layerfix.layers.drawing import box_with_reach, draw_paths, missing_places
 from layerfix.layers.metric.levels import PLAN
 from layerfix.layers.metric.rule import zeros_needed
 from layerfix.layers.print_paths import IMAGES_OF_LAYER, PATHS, PRINTED, SOLID, TOOL, find_printed
-from layerfix.mesh.cutter import SNAP_PER_PX, bucket, fill_cut
+from layerfix.mesh.cutter import SNAP_PER_PX, bucket, cut
 from layerfix.mesh.facet_runs import HEIGHTS, POINTS, TRIANGLES
+from layerfix.mesh.fill import fill
+from layerfix.mesh.pieces import small_pieces
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -83,7 +85,9 @@ def _count_layers(points, faces, planes, width, height, rule, tool, plan, add_on
             for w in range(rows.shape[1]):
                 rows[y, w] = U0
         chosen = crossed[starts[k] : starts[k + 1]]
-        small = fill_cut(points, faces, chosen, planes[k], width, rule, True, rows)[2]
+        segments = cut(points, faces, chosen, planes[k])
+        fill(segments, width, rule, True, rows)
+        small = small_pieces(segments, rows)
         outer = box_with_reach(rows, reach_x, reach_y)
         if outer[1] == 0:
             continue

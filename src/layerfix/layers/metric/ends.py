@@ -162,13 +162,13 @@ def _grow(columns, solid, y, x, ux, uy, gap):  # type: ignore[no-untyped-def]  #
 
 
 @njit
-def _shorten(columns, anchor, path, ux, uy, gap):  # type: ignore[no-untyped-def]  # numba types it
+def _shorten(columns, path, ux, uy, gap):  # type: ignore[no-untyped-def]  # numba types it
     """Take away the end of a path, as long as that brings it nearer to the gap's length, which is below 0."""
     done = 0.0
     for k in range(1, path.shape[0] - 1):
         y, x = path[k]
         along = (x - path[0, 1]) * ux + (y - path[0, 0]) * uy
-        if abs(gap - along) >= abs(gap - done) or _bit(anchor, y, x) or COUNT[_neighbourhood(columns, y, x)] != 2:
+        if abs(gap - along) >= abs(gap - done):
             return
         _clear(columns, path[k - 1, 0], path[k - 1, 1])
         done = along
@@ -193,8 +193,6 @@ def set_ends(columns, solid, anchor, half_widths, bx, by):  # type: ignore[no-un
     path = np.empty((min(max(most, 3), LONGEST_PX) + 1, 2), np.int64)
     wide, long = most + 1, most + LIMIT_PX + 1
     for y, x in spots:
-        if not _bit(columns, y, x) or COUNT[_neighbourhood(columns, y, x)] != 1:
-            continue
         n = _walk_back(columns, anchor, y, x, path)
         length = math.sqrt((x - path[n - 1, 1]) ** 2 + (y - path[n - 1, 0]) ** 2)
         if length < SHORTEST_PX:
@@ -204,4 +202,4 @@ def set_ends(columns, solid, anchor, half_widths, bx, by):  # type: ignore[no-un
         if LEAST_PX < gap <= LIMIT_PX:
             _grow(columns, solid, y, x, ux, uy, gap)
         elif -LIMIT_PX <= gap < -LEAST_PX:
-            _shorten(columns, anchor, path[:n], ux, uy, gap)
+            _shorten(columns, path[:n], ux, uy, gap)
