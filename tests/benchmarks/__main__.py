@@ -2,7 +2,7 @@
 
 import argparse
 
-from tests.benchmarks import codecs, fdm, growth, kernel, orca, orient, resin_12k, startup, surface, table1
+from tests.benchmarks import codecs, fdm, growth, kernel, orca, orient, resin_12k, slicing, startup, surface, table1
 from tests.benchmarks.measuring import machine
 
 BENCHMARKS = {
@@ -16,6 +16,7 @@ BENCHMARKS = {
     "startup": startup.run,
     "orca": orca.run,
     "surface": surface.run,
+    "slicing": slicing.run,
 }
 
 parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
