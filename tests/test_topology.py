@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -17,10 +18,15 @@ ALL_AROUND = np.ones((3, 3))
 
 
 def groups_of(before: np.ndarray, after: np.ndarray, shape: np.ndarray | None) -> list[tuple[list[int], list[int]]]:
-    """Areas of the components before and after that hang together by shared pixels, as a graph says it."""
+    """Areas of the components before and after that hang together, as a graph says it: of two that share pixels, one
+    shares more with the other than with any else (the first of equals, as they are met)."""
     (one, n), (other, m) = ndimage.label(before, shape), ndimage.label(after, shape)
     both = before & after
-    edges = sparse.coo_matrix((np.ones(both.sum()), (one[both] - 1, n + other[both] - 1)), (n + m, n + m))
+    shared = Counter(zip((one[both] - 1).tolist(), (other[both] - 1).tolist(), strict=True))  # as they are met
+    first = {a: max((pair for pair in shared if pair[0] == a), key=shared.__getitem__) for a, _ in shared}
+    last = {b: max(sorted(pair for pair in shared if pair[1] == b), key=shared.__getitem__) for _, b in shared}
+    a, b = (np.array([pair[k] for pair in {*first.values(), *last.values()}], int) for k in (0, 1))
+    edges = sparse.coo_matrix((np.ones(len(a)), (a, n + b)), (n + m, n + m))
     _, group = sparse.csgraph.connected_components(edges, directed=False)
     areas = np.bincount(one[before] - 1, minlength=n), np.bincount(other[after] - 1, minlength=m)
     return [(areas[0][group[:n] == k].tolist(), areas[1][group[n:] == k].tolist()) for k in set(group.tolist())]
@@ -74,6 +80,22 @@ def test_two_bars_grow_together():
     image[14, 12:48] = image[18, 12:30] = True
     (change,) = compare_topology(image, correct_image(image, min_feature_px=6))
     assert change == TopologyChange("merged", 2, (12.0, -19.0, 48.0, -14.0), 18.0)
+
+
+def test_what_grows_over_a_lost_corner_is_another_part():
+    """Two plates; one loses its corner, the other grows over it: neither fell apart, nor grew together."""
+    before, after = np.zeros((2, 30, 40), bool)
+    before[5:15, 5:15] = before[5:15, 20:30] = True
+    after[5:15, 5:12] = after[5:15, 14:30] = True
+    assert compare_topology(before, after) == []
+
+
+@settings(max_examples=100)
+@given(images())
+def test_correction_lets_nothing_fall_apart(image):
+    """Each part's skeleton is in one part of the result."""
+    fixed = correct_image(framed(image, 10), min_feature_px=6)
+    assert {"split", "lost", "new"}.isdisjoint(c.kind for c in compare_topology(framed(image, 10), fixed))
 
 
 def test_a_hole_closes():

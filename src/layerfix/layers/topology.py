@@ -57,10 +57,9 @@ class TopologyChange:
 
 
 @njit
-def _shared(runs, number, other_runs, other_number, parts):  # type: ignore[no-untyped-def]  # numba types it
-    """(n, 2): which components share a pixel, some several times."""
-    latest = np.full(parts, -1, np.int64)
-    pairs = np.empty((runs.shape[0] + other_runs.shape[0], 2), np.int64)
+def _shared(runs, number, other_runs, other_number):  # type: ignore[no-untyped-def]  # numba types it
+    """(n, 3): components that share pixels in a run of each, and how many: some pairs several times."""
+    pairs = np.empty((runs.shape[0] + other_runs.shape[0], 3), np.int64)
     n, j = 0, 0
     for k in range(runs.shape[0]):
         y, first, stop = runs[k]
@@ -70,18 +69,58 @@ def _shared(runs, number, other_runs, other_number, parts):  # type: ignore[no-u
             j += 1
         i = j
         while i < other_runs.shape[0] and other_runs[i, 0] == y and other_runs[i, 1] < stop:
-            a, b = number[k], other_number[i]
-            if latest[a] != b:
-                pairs[n, 0], pairs[n, 1] = a, b
-                latest[a] = b
-                n += 1
+            pairs[n, 0], pairs[n, 1] = number[k], other_number[i]
+            pairs[n, 2] = min(stop, other_runs[i, 2]) - max(first, other_runs[i, 1])
+            n += 1
             i += 1
     return pairs[:n]
 
 
 @njit
+def _counterparts(pairs, parts, others):  # type: ignore[no-untyped-def]  # numba types it
+    """Those pairs, each once, of which one shares more with the other than with any else.
+
+    Where a part lost a corner and its neighbour grew over that, they share pixels, and nothing else: neither is the
+    other's counterpart.
+    """
+    starts = np.zeros(parts + 1, np.int64)
+    for k in range(pairs.shape[0]):
+        starts[pairs[k, 0] + 1] += 1
+    for a in range(parts):
+        starts[a + 1] += starts[a]
+    order, where = np.empty(pairs.shape[0], np.int64), starts.copy()
+    for k in range(pairs.shape[0]):
+        order[where[pairs[k, 0]]] = k
+        where[pairs[k, 0]] += 1
+    area, once, n = np.zeros(others, np.int64), np.empty((pairs.shape[0], 3), np.int64), 0
+    most, most_of = np.full(parts, -1, np.int64), np.full(others, -1, np.int64)  # numbers of pairs
+    for a in range(parts):
+        mine = order[starts[a] : starts[a + 1]]
+        for k in mine:
+            area[pairs[k, 1]] += pairs[k, 2]
+        for k in mine:
+            b = pairs[k, 1]
+            if area[b] == 0:
+                continue
+            once[n, 0], once[n, 1], once[n, 2] = a, b, area[b]
+            area[b] = 0
+            if most[a] < 0 or once[n, 2] > once[most[a], 2]:
+                most[a] = n
+            if most_of[b] < 0 or once[n, 2] > once[most_of[b], 2]:
+                most_of[b] = n
+            n += 1
+    kept = 0
+    for k in range(n):
+        a, b = once[k, 0], once[k, 1]
+        if most[a] == k or most_of[b] == k:
+            once[kept, 0], once[kept, 1] = a, b
+            kept += 1
+    return once[:kept, :2]
+
+
+@njit
 def _joined(parts, others, pairs):  # type: ignore[no-untyped-def]  # numba types it
-    """Of each component, before and then after, the least number of those it hangs together with by shared pixels."""
+    """Of each component, before and then after, the least number of those it hangs together with by these pairs."""
     count = parts.shape[0]
     parent = np.arange(count + others.shape[0])
     for k in range(pairs.shape[0]):
@@ -171,7 +210,8 @@ def _changes(before, after):  # type: ignore[no-untyped-def]  # numba types it
         number, parts = measured_parts(runs, parent)
         other_runs, other_parent, _ = joined_runs(other_starts, other_edges, width, of_void)
         other_number, others = measured_parts(other_runs, other_parent)
-        pairs = _shared(runs, number, other_runs, other_number, parts.shape[0])
+        pairs = _shared(runs, number, other_runs, other_number)
+        pairs = _counterparts(pairs, parts.shape[0], others.shape[0])
         if of_void:
             parts[0, AREA] = others[0, AREA] = OUTSIDE_PX
         table, n = _add_changes(parts, others, pairs, 4 if of_void else 0, table, n)
