@@ -22,15 +22,14 @@ FOUND = types.Array(types.float64, 2, "C")
 
 
 @njit
-def _components(segments, of, turns, edges):  # type: ignore[no-untyped-def]  # numba types it
+def _components(segments, of, count, turns, edges):  # type: ignore[no-untyped-def]  # numba types it
     """Of each contour a run of the component that it is in; NONE for what is outside the frame.
 
     The corners of a cell are 8-neighbours, and a piece that enters a cell sets one of them, but for ends of a line
     that were taken back. If all of it was taken back, it touched what is there.
     """
-    stride = edges.max() + 1 if edges.shape[0] else 1
-    runs, parent, _ = joined_runs(turns, edges, stride, False)
-    found, height = np.full(of.max() + 1, NONE, np.int64), turns.shape[0] - 1
+    runs, parent, _ = joined_runs(turns, edges, np.int64(1) << 40, False)
+    found, height = np.full(count, NONE, np.int64), turns.shape[0] - 1
     first_of = turns // 2
     for reach in range(2):
         side = 2 + 2 * reach
@@ -119,7 +118,10 @@ def _unite_touching(segments, of, measures, wanted, component, starts, numbers, 
     too many. Returns how many then still are.
     """
     near = _near(measures, wanted)
-    holds = np.where(wanted, component, NONE)  # the component of a group's wanted contours
+    holds = np.full(wanted.shape[0], NONE, np.int64)  # the component of a group's wanted contours
+    for c in range(wanted.shape[0]):
+        if wanted[c]:
+            holds[c] = component[c]
     here, left, right = np.empty(64, np.int64), np.empty(64), np.empty(64)
     for y in range(starts.shape[0] - 1):
         n = 0
@@ -183,16 +185,22 @@ def joined_pieces(segments, contours, rule):  # type: ignore[no-untyped-def]  # 
     of, begins, measures, turns, edges = contours
     if of.shape[0] == 0:
         return np.empty((0, 6))
-    component = _components(segments, of, turns, edges)
     count, areas = begins.shape[0], measures[:, 4]
-    outer = outer_contours(begins, measures, rule) & (component != NONE)
-    several = np.zeros(component.max() + 2, np.int64)
+    component = _components(segments, of, count, turns, edges)
+    outer, last, low, high = outer_contours(begins, measures, rule), NONE, math.inf, -math.inf
     for c in range(count):
+        outer[c] &= component[c] != NONE
+        last, low, high = max(last, component[c]), min(low, measures[c, 1]), max(high, measures[c, 3])
+    several, too_many = np.zeros(last + 2, np.int64), 0
+    for c in range(count):
+        too_many += outer[c] and several[component[c]] > 0
         several[component[c]] += outer[c]
-    wanted = outer & (several[component] > 1)
-    first = math.floor(measures[:, 1].min() - TOUCH)
-    starts, numbers = _by_rows(segments, first, math.floor(measures[:, 3].max() + TOUCH) + 1)
-    parent, too_many = np.arange(count), np.maximum(several[:-1] - 1, 0).sum()
+    wanted = np.zeros(count, np.bool_)
+    for c in range(count):
+        wanted[c] = outer[c] and several[component[c]] > 1
+    first = math.floor(low - TOUCH)
+    starts, numbers = _by_rows(segments, first, math.floor(high + TOUCH) + 1)
+    parent = np.arange(count)
     if _unite_touching(segments, of, measures, wanted, component, starts, numbers, parent, too_many) == 0:
         return np.empty((0, 6))
     roots, left = np.empty(count, np.int64), np.full(count, NONE, np.int64)
@@ -224,4 +232,10 @@ def joined_pieces(segments, contours, rule):  # type: ignore[no-untyped-def]  # 
                 for axis in range(2):
                     found[k, 2 + axis] = min(found[k, 2 + axis], measures[less, axis])
                     found[k, 4 + axis] = max(found[k, 4 + axis], measures[less, 2 + axis])
-    return found[found[:, 0] > 1]
+    kept = 0
+    for k in range(found.shape[0]):
+        if found[k, 0] > 1:
+            for i in range(6):
+                found[kept, i] = found[k, i]
+            kept += 1
+    return found[:kept]

@@ -238,10 +238,13 @@ def _edges_of_fill(starts, crossings, rule, marks, rows):  # type: ignore[no-unt
 @njit
 def _may_be_joined(outer, measures, turns, edges, width, height, rule):  # type: ignore[no-untyped-def]  # numba types it
     """Whether pieces may be joined: there are more outer contours than components, or a contour may be in several."""
-    if rule == POSITIVE or measures[:, :2].min() < 0 or measures[:, 2].max() > width or measures[:, 3].max() > height:
-        return True
-    stride = edges.max() + 1 if edges.shape[0] else 1
-    return outer.sum() > joined_runs(turns, edges, stride, False)[2]
+    pieces = 0
+    for c in range(outer.shape[0]):
+        x0, y0, x1, y1 = measures[c, :4]
+        if rule == POSITIVE or min(x0, y0) < 0 or x1 > width or y1 > height:
+            return True
+        pieces += outer[c]
+    return pieces > joined_runs(turns, edges, 64 * (width // 64 + 1), False)[2]
 
 
 @njit(
